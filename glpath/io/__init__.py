@@ -1,6 +1,6 @@
-"""Readers and writers of scenes and models, and the scenes that ship: all between files and the model.
+"""Readers and writers of scene and model files, and the shipped scenes.
 
-Each name brings what it needs when it is first used, so that a command's help loads no reader.
+Each public name imports its module when it is first used, so that a command's help loads no reader.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ __all__ = [
     "shipped_scenes",
 ]
 
-# Where a name lives; those that are not here live in `library`.
+# Submodule of each name; a name that is not listed is in `library`.
 _HOME = {"AnyScene": "from_python", "scene_from_dict": "load", "scene_schema": "description"}
 
 

@@ -1,4 +1,4 @@
-"""The assets of a scene file: models placed in it, with materials of their own or of the scene's."""
+"""Assets of a scene file: models placed in the scene, with their own materials or with the scene's."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from glpath.system.terminal import encodable
 
 @dataclass(frozen=True)
 class _Read:
-    """A model, and where its materials stand in the scene."""
+    """Loaded model, and the index of its first material in the scene's list of materials."""
 
     model: Model
     first_material: int
@@ -39,15 +39,17 @@ class _Read:
 
 @dataclass
 class Assets:
-    """The assets of one scene. A file is read once for each time that is asked for, and its meshes are shared.
+    """Assets of one scene. Each file is read once per animation time, and its copies share meshes.
 
-    folder    : where relative paths start
-    number    : of the scene's own materials, by their names
-    materials : of the scene, which those of the assets come behind; so with textures
-    shutter   : of the camera, seconds, for what moves
-    unit      : of the scene's light
-    beside_map : light of models that name no unit in the scene file is that of an environment map without a unit
-    photometric : the file of a model whose photometric light was taken without a unit in the scene file, or empty
+    folder      : base folder of relative paths
+    number      : index of each of the scene's own materials, by name
+    materials   : materials of the scene; those of the assets are appended
+    textures    : textures of the scene; those of the assets are appended
+    shutter     : times at which the camera's shutter opens and closes, seconds, for moving assets
+    unit        : unit of light in the scene
+    beside_map  : True if light of models that have no unit in the scene file is not converted, but taken in the
+                  unit of the environment map
+    photometric : file of the first model whose photometric light has no unit in the scene file, or empty
     """
 
     folder: Path
@@ -65,7 +67,7 @@ class Assets:
     _meshes: dict[tuple[Mesh, bool, bool], Mesh] = field(default_factory=dict)
 
     def add(self, given: Sequence[Asset], location: SourceLocation) -> None:
-        """Add them; `location` is their list. Raises SceneError; warns once of what is not used of a file."""
+        """Add the assets of the list at `location`. Raises SceneError; warns once of each unused part of a file."""
         for index, asset in enumerate(given):
             self._add(asset, location.item(index))
 
@@ -88,10 +90,10 @@ class Assets:
                 self.photometric = self.photometric or given.file
         for shape in model.shapes:
             material, emission = read.first_material + shape.material, shape.emission
-            if not self.materials[material].unlit:  # whose colour is no light that could be measured
+            if not self.materials[material].unlit:  # the colour of an unlit material is no physical light
                 emission = factor * emission
             if shape.material in replaced:
-                # Its light belongs to the material that it had.
+                # Emission belongs to the replaced material, so the shape loses it.
                 material, emission = replaced[shape.material], np.zeros(3)
             here = self._placed(shape, world, self.materials[material].needs_uv, location)
             here = self._moving(here, shape.motion, world, moved, began)
@@ -118,7 +120,7 @@ class Assets:
                 f"is for formats that do not say what is up, but {given.file} is glTF, which has y up.",
                 "Leave it out, or turn the model: transform = [{ rotate = { axis = [1, 0, 0], angle = -90 } }].",
             )
-        if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
+        if not os.path.isfile(path):  # unlike Path.is_file, returns False if the name is too long
             there = "is not a file" if os.path.exists(path) else "does not exist"
             raise here.error(f"names {path}, which {there}.", nearby_files("Models", path, FORMATS))
         if (path, time) not in self._read:
@@ -143,9 +145,11 @@ class Assets:
     def _moving(
         self, shape: Shape, own: Motion | None, world: Float64, moved: Motion | None, began: float
     ) -> Shape:
-        """The placed shape with its motions: its own in the model, in seconds of its animations, and the asset's.
+        """Return the placed shape with its own motion in the model and the asset's motion combined.
 
-        began : seconds of the animations at time 0
+        own   : motion of the shape within the model, in seconds of the model's animations
+        moved : motion of the asset
+        began : animation time at scene time 0, in seconds
         """
         if own is None and moved is None:
             return shape
@@ -165,7 +169,7 @@ class Assets:
         return replace(shape, world_from_object=motion.at(self.shutter[0]), motion=motion)
 
     def _replaced(self, given: Asset, read: _Read, location: SourceLocation) -> dict[int, int]:
-        """For numbers of the model's materials, those of the scene's that stand in for them."""
+        """Return indices of scene materials, by the indices of the model materials that they replace."""
         names = [material.name for material in read.model.materials]
         found: dict[int, int] = {}
         for old, new in given.materials.items():
@@ -182,7 +186,10 @@ class Assets:
         return found
 
     def _placed(self, shape: Shape, world: Float64, textured: bool, location: SourceLocation) -> Shape:
-        """The shape in the world; where it is `textured` with coordinates, as a mesh of the scene's has them."""
+        """Return the shape in world space.
+
+        A `textured` shape without texture coordinates gets projected ones, as a mesh of the scene does.
+        """
         maps = shape.world_from_object
         whole = np.concatenate([maps, np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(maps), 1, 4))], axis=1)
         maps = np.asarray(world[:3] @ whole)
@@ -207,7 +214,7 @@ def _square(m: Float64) -> Float64:
 
 
 def _product(a: Float64, b: Float64) -> Float64:
-    """(3, 4): b (3, 4), and then a (4, 4)."""
+    """Return the (3, 4) map that applies `b` (3, 4) first, and then `a` (4, 4)."""
     return np.asarray(a[:3] @ _square(b))
 
 

@@ -1,7 +1,7 @@
-"""From the typed data of a scene file to the `Scene`: shapes become primitives, names become indices.
+"""Build a `Scene` from the typed data of a scene file: shapes become primitives, names become indices.
 
-What the types cannot say is checked here, each with its location: materials that do not exist, quads that are not
-planar, boxes turned inside out, triangles without area.
+This module checks what types cannot express, and reports the location of each error. Examples are materials that do
+not exist, quads that are not planar, boxes turned inside out, and triangles without area.
 """
 
 from __future__ import annotations
@@ -32,21 +32,22 @@ from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
 
-# In quads' diameters; more than the rounding of coordinates written with three digits.
+# Maximum distance between the two diagonals of a planar quad, in quad diameters. Coordinates with three digits have
+# smaller rounding errors.
 _PLANAR = 1e-3
 DEFAULT_MATERIAL = "default"
-# The aspect of cameras without one, the default of a perspective one.
+# Field of view, degrees, of cameras whose projection has none; also the default of perspective cameras.
 _FOV = 40.0
 
 
 def build(
     file: SceneFile, location: SourceLocation, folder: Path, name: str, meshes: Mapping[int, Mesh | Chunks]
 ) -> Scene:
-    """The scene that `file` describes. Raises SceneError; warns with SceneWarning of triangles without area.
+    """Return the scene that `file` describes. Raises SceneError; warns with SceneWarning of triangles without area.
 
-    folder : where relative paths of mesh and picture files start
-    name   : the name of the scene when the file does not say one
-    meshes : of shapes whose mesh or stream is there already, by the index of the shape
+    folder : base folder of relative paths of meshes and pictures
+    name   : name of the scene if the file does not set one
+    meshes : meshes and streams that are already in memory, by the index of their shape
     """
     camera = _camera(file)
     check_camera(camera, location.source)
@@ -114,7 +115,7 @@ def build(
             lights.emission(given.emission, here.field("emission"), scene_unit, shape, surfaces[material])
         )
 
-    # Neither an environment map nor emission in glTF has a physical unit in practice: 1 is the same in both.
+    # In practice neither environment maps nor glTF emission have a physical unit, so 1 means the same in both.
     beside_map = isinstance(file.unit, UnsetType) and (is_aside("sky") or _has_map(file))
     assets = Assets(folder, number, list(surfaces), list(textures), camera.shutter, scene_unit, beside_map)
     assets.add(file.assets, location.field("assets"))
@@ -154,7 +155,7 @@ def _has_map(file: SceneFile) -> bool:
 
 
 def _has_light_in_watts(file: SceneFile) -> bool:
-    """Return True if the file has a light of its own, which names no unit and no profile."""
+    """Return True if the file itself has a light or emission that names neither a unit nor a profile."""
     emissions = [shape.emission for shape in file.shapes if not isinstance(shape.emission, UnsetType)]
     lamps = [each for each in file.lights if isinstance(getattr(each, "profile", UNSET), UnsetType)]
     return any(isinstance(each.unit, UnsetType) for each in (*emissions, *lamps))
@@ -181,7 +182,7 @@ def _camera(file: SceneFile) -> Camera:
 
 
 def _with_default(file: SceneFile) -> dict[str, AnyMaterial]:
-    """The file's materials, and the grey default where a shape uses it and the file does not define it."""
+    """Return the file's materials, plus the grey default if a shape uses it and the file does not define it."""
     given = dict(file.materials)
     if any(shape.material == DEFAULT_MATERIAL for shape in file.shapes):
         given.setdefault(DEFAULT_MATERIAL, description.Diffuse())
@@ -189,12 +190,12 @@ def _with_default(file: SceneFile) -> dict[str, AnyMaterial]:
 
 
 def _world(given: AnyShape, location: SourceLocation) -> Float64:
-    """(4, 4): world_from_shape."""
+    """Return the (4, 4) matrix world_from_shape."""
     return transform.world_from_shape(given.transform, location.field("transform"))
 
 
 def _sphere(given: description.Sphere, location: SourceLocation) -> Float64:
-    """(3, 4) world_from_unit, its determinant negative where the front is inside."""
+    """Return the (3, 4) matrix world_from_unit; its determinant is negative if the front is inside."""
     unit_to_shape = np.column_stack([given.radius * np.identity(3), given.center])
     matrix = unit_to_shape
     if given.transform:
@@ -212,7 +213,10 @@ def _sphere(given: description.Sphere, location: SourceLocation) -> Float64:
 
 
 def _plane(given: description.Plane, location: SourceLocation) -> Float64:
-    """(3, 4) world_from_plane; u, v and the normal are right-handed, so that textures read well from the front."""
+    """Return the (3, 4) matrix world_from_plane.
+
+    u, v and the normal are right-handed, so that textures are not mirrored on the front.
+    """
     normal = unit(given.normal, location.field("normal"), "normal = [0, 1, 0]")
     if isinstance(given.u, UnsetType):
         along = np.array([0.0, 1.0, 0.0] if abs(normal[0]) > 0.9 else [1.0, 0.0, 0.0])
@@ -236,7 +240,7 @@ def _plane(given: description.Plane, location: SourceLocation) -> Float64:
     normal = np.linalg.inv(linear).T @ normal
     normal /= np.linalg.norm(normal)
     u, v = linear @ along, linear @ across
-    u -= (u @ normal) * normal  # rounding
+    u -= (u @ normal) * normal  # removes rounding errors
     v_length = np.linalg.norm(v - (v @ u) / (u @ u) * u)
     if given.flip_normals:
         normal = -normal
@@ -286,12 +290,12 @@ def _mesh(
     ready: Mesh | None,
     known: dict[tuple[object, bool, bool], Mesh],
 ) -> Mesh:
-    """The mesh of a shape, with texture coordinates where it is `textured`, ready for its transform.
+    """Return the mesh of a shape before its transform; a `textured` mesh has texture coordinates.
 
-    mirrored : the transform exchanges fronts and backs
-    ready    : the mesh itself, where it is there already
-    known    : what was made before of files and of ready meshes, by path or mesh, `textured` and whether it was
-               turned: so shapes of one file are instances of one mesh
+    mirrored : True if the transform swaps fronts and backs
+    ready    : mesh that is already in memory, or None
+    known    : cache of meshes by path or mesh object, `textured`, and True if the winding is flipped; shapes of one
+               file thus become instances of one mesh
     """
     reverse = given.flip_normals != mirrored
     match given:
@@ -306,7 +310,7 @@ def _mesh(
             return known[ready, textured, reverse]
         case description.Mesh(file=str(name)) if _only_a_file(given):
             path = folder / name
-            if (path, False, False) not in known:  # so a file is read, and warned of, once
+            if (path, False, False) not in known:  # reads and warns only once
                 known[path, False, False] = _finished(read_mesh(path, location.field("file")), False, False)
             if (path, textured, reverse) not in known:
                 known[path, textured, reverse] = _finished(known[path, False, False], textured, reverse)
@@ -332,7 +336,7 @@ def _check_extent(coordinates: Float64, location: SourceLocation) -> None:
 
 
 def _check_quad(corners: Float64, location: SourceLocation) -> None:
-    """corners: (4, 3). Raises SceneError for one that is not planar or not convex."""
+    """Raise SceneError unless the quad of `corners` (4, 3) is planar and convex."""
     edges = np.roll(corners, -1, axis=0) - corners
     diameter = max(np.linalg.norm(corners[2] - corners[0]), np.linalg.norm(corners[3] - corners[1]))
     normal = np.cross(corners[2] - corners[0], corners[3] - corners[1])

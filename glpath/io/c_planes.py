@@ -1,4 +1,4 @@
-"""Photometric webs of files on the grid of a `LightProfile`: all planes of C, and steps that are alike.
+"""Resample photometric webs of files to the regular grid of a `LightProfile` with all C planes.
 
 Source: CIE 121, the planes of type C.
 """
@@ -10,24 +10,24 @@ import numpy as np
 from glpath.scene.model import Float64
 from glpath.scene.profile import LightProfile
 
-#: Angles of each kind in a file: steps of a twentieth of a degree.
+#: Maximum number of C or gamma angles in a file: 360 degrees in steps of a twentieth of a degree.
 MAX_ANGLES = 7201
-#: Values of a profile: in the file, and on its regular grid.
+#: Maximum number of intensities of a profile, both in the file and on the regular grid.
 MAX_VALUES = 1 << 20
-# The finest steps of the regular grid, parts of a degree; angles of files are multiples of such.
+# Finest steps of the regular grid, parts of a degree. Angles of files usually are multiples of such a step.
 _PARTS = 100
 
 
 def all_around(c: Float64, candela: Float64) -> tuple[Float64, Float64]:
-    """Angles of C from 0 to 360, both included, and their candela, by symmetry where half or less is there.
+    """Return C angles from 0 to 360, both included, and their candela; symmetry gives the planes that are missing.
 
-    c       : (C,) degrees: 0 alone, 0 to 90, to 180 or to 360, or 90 to 270
+    c       : (C,) degrees: 0 alone, 0 to 90, 0 to 180, 0 to 360, or 90 to 270
     candela : (C, gamma)
     """
     if len(c) == 1:
         return np.array([0.0, 360.0]), np.concatenate([candela, candela])
-    if c[0] == 90:  # alike on both sides of the plane through 90 and 270
-        c, candela = _mirrored(c, candela, 270.0)  # from 90 to 450
+    if c[0] == 90:  # symmetric about the plane through C = 90 and C = 270
+        c, candela = _mirrored(c, candela, 270.0)  # C is now from 90 to 450 degrees
         c, candela = c[:-1] % 360.0, candela[:-1]
         order = np.argsort(c)
         c, candela = c[order], candela[order]
@@ -43,13 +43,16 @@ def all_around(c: Float64, candela: Float64) -> tuple[Float64, Float64]:
 
 
 def _mirrored(c: Float64, candela: Float64, at: float) -> tuple[Float64, Float64]:
-    """On to the other side of an angle, the last one."""
+    """Return the planes with their mirror images about the last angle, `at`, appended."""
     return np.append(c, 2 * at - c[-2::-1]), np.concatenate([candela, candela[-2::-1]])
 
 
 def on_regular_grid(c: Float64, candela: Float64, gamma: Float64) -> LightProfile:
-    """The profile of angles that are as they are: exact where they are multiples of a hundredth of a degree, as far
-    as the grid may be so fine; else of finest steps."""
+    """Return the profile resampled to a regular grid.
+
+    The grid is exact if all angles are multiples of a hundredth of a degree and its size stays within the limits.
+    Otherwise it has the finest allowed steps.
+    """
     span = (float(gamma[0]), float(gamma[-1]))
     rows = _steps(c, 360.0, 1440)
     columns = _steps(gamma, span[1] - span[0], max(1, MAX_VALUES // rows - 1))
@@ -61,7 +64,10 @@ def on_regular_grid(c: Float64, candela: Float64, gamma: Float64) -> LightProfil
 
 
 def _steps(angles: Float64, span: float, max_steps: int) -> int:
-    """Into how many equal parts a span of angles is divided, so that each of them is at an end of one."""
+    """Return the smallest number of equal steps over `span` such that each angle is at the end of a step.
+
+    Return `max_steps` if that needs steps below a hundredth of a degree, or more than `max_steps`.
+    """
     parts = np.rint(np.diff(angles) * _PARTS).astype(np.int64)
     if np.allclose(np.cumsum(parts) / _PARTS, angles[1:] - angles[0], rtol=0, atol=1e-6) and np.all(parts > 0):
         steps = round(span * _PARTS) // int(np.gcd.reduce(parts))

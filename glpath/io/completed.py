@@ -20,19 +20,20 @@ from glpath.scene.sight import enclosing, winding_number
 from glpath.scene.source_location import shown
 from glpath.scene.studio import ground_below, nearest_axis, studio
 
-#: Pixels, where nothing says how many.
+#: Default image width and height in pixels.
 RESOLUTION = (512, 512)
-#: Stands in until a scene has its own.
+#: Placeholder until a scene has its own camera.
 NO_CAMERA = Camera(np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 40.0, RESOLUTION)
-# Mean radiance on a box around a model, beside 1 of the studio.
+# Mean radiance on a box around a model above which its lamps light it; the studio has radiance 1.
 _LAMP = 0.01
-# Camera in a room: fractions of its height for the eye and the target, of half its extent, and degrees.
+# Camera in a room: heights of the eye and the target as fractions of the room's height, distance from the middle as
+# a fraction of half its extent, and field of view in degrees.
 _EYE, _TARGET, _FROM_MIDDLE, _FOV = 0.6, 0.45, 0.85, 70.0
-# Fraction of all directions in which a room has a wall, and triangles above which it is not asked.
+# Minimum fraction of directions in which a room has a wall, and maximum number of triangles for this test.
 _CLOSED, _MAX_ROOM_TRIANGLES = 0.9, 2**21
-# Emission up to which a surface is no lamp: that of white in a studio.
+# Maximum emission of a surface that is not a lamp: the radiance of white in the studio.
 _FAINT = 1.0
-#: Parts of a scene that a use of it may not need.
+#: Parts of a scene that some callers do not need.
 Part = Literal["camera", "view", "light", "picture", "sky"]
 #: Unused parts of a scene.
 _ASIDE: ContextVar[frozenset[str]] = ContextVar("aside", default=frozenset())
@@ -40,10 +41,11 @@ _ASIDE: ContextVar[frozenset[str]] = ContextVar("aside", default=frozenset())
 
 @contextmanager
 def aside(*parts: Part) -> Iterator[None]:
-    """Scenes that are loaded within need none of these parts: what stands in for them is no reason for a warning.
+    """Return a context in which loaded scenes do not need these parts, so that replacing them gives no warning.
 
-    Without a picture a white sky stands in for light. Without "view" a camera is needed, but its pose is not
-    reported, as something else replaces it. Without "sky" an environment map replaces the sky.
+    If "picture" is unneeded, a white sky instead of a studio replaces missing light. If "view" is unneeded, a
+    camera is still needed, but something else replaces its pose, so the pose is not reported. If "sky" is unneeded,
+    an environment map replaces the sky.
     """
     before = _ASIDE.set(_ASIDE.get() | set(parts))
     try:
@@ -53,12 +55,12 @@ def aside(*parts: Part) -> Iterator[None]:
 
 
 def is_aside(part: Part) -> bool:
-    """Within `aside` of this part."""
+    """Return True inside an `aside` context of this part."""
     return part in _ASIDE.get()
 
 
 def uniform_sky(*, assumed: bool = False) -> Sky:
-    """White, of radiance 1 from all around."""
+    """Return a white sky of radiance 1 in all directions."""
     return Sky(np.ones(3), np.ones(3), assumed=assumed)
 
 
@@ -73,13 +75,12 @@ def camera_replaced(camera: object) -> AbstractContextManager[None]:
 def completed(
     scene: Scene, *, has_camera: bool, glow_is_light: bool = True, up: Up | Float64 = "y", lying: bool = False
 ) -> Scene:
-    """The scene with a camera and with light; a SceneWarning says what had to be added, and was not `aside`.
+    """Return the scene with a camera and light; a SceneWarning names each added part that is not `aside`.
 
-    has_camera    : False sets one that frames everything, of the resolution of the scene's
-    up            : the axis that is up for a camera that is set, (3,) or by name, or "guess"; see
-                    `glpath.io.up_axis`
-    lying         : flat things lie rather than stand, as of `evidence_for_z`
-    glow_is_light : False takes a faint glow for a part of the look, by which the rest is not to be seen (`_glows`)
+    has_camera    : False adds a camera that frames everything, with the resolution of the scene's camera
+    up            : up axis of an added camera: (3,) vector, name, or "guess"; see `glpath.io.up_axis`
+    lying         : True if flat objects lie rather than stand, see `evidence_for_z`
+    glow_is_light : False if a faint glow only decorates the model and does not light the scene, see `_glows`
     """
     notes, evidence, inside = [], None, None
     if not has_camera:
@@ -101,8 +102,8 @@ def completed(
     emitters = [shape for shape in scene.shapes if shape.emits]
     is_lit = bool(scene.lights or scene.sky or np.any(scene.ambient > 0))
     is_lit = is_lit or (bool(emitters) if glow_is_light else _lamps_light(scene))
-    # A scene of unlit materials alone is seen without light, but a picture of it has a background as well. A camera
-    # of its own stands where the baked surroundings were meant to be seen from, and is left alone.
+    # A scene of unlit materials alone is visible without light, but its image still needs a background. A scene
+    # with its own camera is left alone, because that camera shows the baked surroundings as intended.
     needs_light = not emitters or any(not scene.materials[shape.material].unlit for shape in scene.shapes)
     in_studio = not is_aside("picture")
     if not is_lit and not needs_light and not has_camera and in_studio:
@@ -119,9 +120,10 @@ def completed(
 
 
 def _camera_inside(scene: Scene, up: Float64) -> Camera | None:
-    """Return a camera from a corner of a room across it; None if the scene is no room whose fronts face inwards.
+    """Return a camera that looks across a room from one corner; None if the scene is not a room.
 
-    A room has walls in at least 90 % of all directions. One whose walls have thickness is a body.
+    A room has walls whose fronts face inwards in at least 90 % of all directions. A room whose walls have thickness
+    is a solid body.
     """
     if scene.shapes.total("triangle") > _MAX_ROOM_TRIANGLES or scene.shapes.streams:
         return None
@@ -142,9 +144,9 @@ def _camera_inside(scene: Scene, up: Float64) -> Camera | None:
 
 
 def _in_studio(scene: Scene) -> Scene:
-    """The scene in `studio`, before a plain background, on a ground at its lowest point.
+    """Return the scene in `studio` light, with a plain background and a ground at its lowest point.
 
-    Up is the axis nearest to that of the camera.
+    The up axis is the coordinate axis nearest to the camera's up vector.
     """
     axis = nearest_axis(scene.camera.up)
     ground = ground_below(*scene.bounds, axis)
@@ -152,15 +154,15 @@ def _in_studio(scene: Scene) -> Scene:
 
 
 def _lamps_light(scene: Scene) -> bool:
-    """Whether what emits sends enough light to see the scene by: `_LAMP` of radiance, in the mean on a box around.
+    """Return True if emitters light the scene: with more than `_LAMP` mean radiance on a box around it.
 
-    A filament or a row of diodes does not; what is lit by nothing else would be a black picture.
+    A filament or a row of diodes does not light it; without other light the image would be black.
     """
     return emitted_radiance(scene, lambda s: s.primitive == "triangle" and not _glows(scene, s)) > _LAMP
 
 
 def _remedy(scene: Scene, emitters: Sequence[Shape]) -> str:
-    """Return what a glow needs to count as light, in brackets; empty if all of it is unlit."""
+    """Return a hint in brackets how to make a glow count as light; empty if all emitters are unlit."""
     lit = [shape for shape in emitters if not scene.materials[shape.material].unlit]
     if not lit:
         return ""
@@ -172,9 +174,9 @@ def _remedy(scene: Scene, emitters: Sequence[Shape]) -> str:
 
 
 def _glows(scene: Scene, shape: Shape) -> bool:
-    """It is unlit, or sends no more light than white sends on in a studio.
+    """Return True if the shape is unlit, or emits no more light than white reflects in a studio.
 
-    Models that are to be lit by their surroundings have screens and small lamps, which in viewers light nothing.
-    What is meant to light a scene sends more.
+    Models that are meant to be lit by their surroundings have screens and small lamps, which light nothing in
+    viewers. A shape that is meant to light a scene emits more.
     """
     return scene.materials[shape.material].unlit or bool(np.all(shape.emission <= _FAINT))

@@ -1,4 +1,4 @@
-"""msgspec's conversions for any number of threads: the first one to a type prepares tables without a lock."""
+"""Thread-safe conversions with msgspec, which prepares its tables for a type at first use without a lock."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ _LOCK = Lock()
 
 
 def convert(value: Any, kind: Any, *, strict: bool = True) -> Any:
-    """`value` as `kind`. Raises msgspec.ValidationError.
+    """Return `value` converted to `kind`. Raises msgspec.ValidationError.
 
-    msgspec 0.22 crashes where several threads convert to one type for the first time.
+    The lock is needed because msgspec 0.22 crashes if several threads convert to one type for the first time.
     """
     with _LOCK:
         return msgspec.convert(value, kind, strict=strict)
 
 
 def decode_json(text: str | bytes, kind: Any) -> Any:
-    """JSON as `kind`, with the same lock. Raises msgspec.DecodeError."""
+    """Return JSON decoded as `kind`, under the same lock as `convert`. Raises msgspec.DecodeError."""
     with _LOCK:
         return msgspec.json.decode(text, type=kind)

@@ -1,4 +1,4 @@
-"""Skies of a scene file that are of a day: of irradiances and a sun, of a site and time, or of a weather file."""
+"""Skies of a scene file for a time of day: from irradiances and a sun, a site and time, or a weather file."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from glpath.scene.perez_sky import PRECIPITABLE_WATER, SOLAR_CONSTANT, Daylight,
 from glpath.scene.source_location import SourceLocation
 
 _WHERE = ("altitude", "azimuth", "latitude", "longitude", "timezone", "time", "weather", "north")
-#: Fields that a sky of another kind does not have.
+#: Fields that only skies of type "perez" or "sun" have.
 OF_DAYS = ("direct", "diffuse", *_WHERE, "sun_disc", "spectrum")
 _GROUND = {"perez": 0.2, "sun": 0.0}
-# A sun that is brighter than above the atmosphere is a mistake of the unit; eccentricity takes 4 %.
+# Maximum irradiance, W m^-2. Orbital eccentricity adds 4 % to the solar constant; more indicates a wrong unit.
 _MAX_IRRADIANCE = 1.05 * SOLAR_CONSTANT
 
 
 class _Sun(NamedTuple):
-    """Where the sun stands, and what is known of the day.
+    """Position of the sun, and known data of the day.
 
-    direction        : (3,) unit
-    altitude         : degrees
-    extraterrestrial : W m^-2
-    irradiance       : direct normal and diffuse horizontal, W m^-2; None where they have to be given
-    water            : precipitable, cm
+    direction        : (3,) unit vector towards the sun
+    altitude         : degrees above the horizon
+    extraterrestrial : irradiance of a surface that faces the sun above the atmosphere, W m^-2
+    irradiance       : direct normal and diffuse horizontal irradiance, W m^-2; None if the sky must give them
+    water            : precipitable water, cm
     """
 
     direction: Float64
@@ -46,10 +46,10 @@ class _Sun(NamedTuple):
 def day_sky(
     given: description.Sky, up: Float64, location: SourceLocation, folder: Path, scene_unit: Unit
 ) -> Environment:
-    """The sky of type "perez" or "sun". Raises SceneError.
+    """Return the environment of a sky of type "perez" or "sun". Raises SceneError.
 
-    up     : (3,) unit
-    folder : where relative paths start
+    up     : (3,) unit vector
+    folder : base folder of relative paths
     """
     solar = given.spectrum == "solar"
     if solar and scene_unit == "photometric":
@@ -65,7 +65,8 @@ def day_sky(
         raise location.error(
             "is dark: neither direct nor diffuse irradiance.", "Take another hour, or give `direct` and `diffuse`."
         )
-    # Without a diffuse irradiance the sky counts as one; only the sun's watts are wanted then.
+    # PerezSky counts a diffuse irradiance of 0 as 1e-6. Only a sun with a solar spectrum may lack diffuse
+    # irradiance, and such a sun needs no efficacy.
     sky = PerezSky.of(direct, diffuse, sun.altitude, sun.extraterrestrial)
     scale = 1.0 if scene_unit == "photometric" else 1.0 / EFFICACY
     of_direct = 1.0 if solar else scale * float(sky.direct_efficacy(sun.water))
@@ -77,9 +78,12 @@ def day_sky(
 
 
 def north_of(up: Float64, given: object, location: SourceLocation) -> Float64:
-    """(3,) unit, horizontal: `given`, or what is usual of an axis `up`. Raises SceneError."""
+    """Return the (3,) horizontal unit vector to the north: `given`, or the convention for the axis `up`.
+
+    Raises SceneError.
+    """
     if isinstance(given, UnsetType):
-        # East is x where y or z is up, so that a map with x to the right has north above.
+        # If y or z is up, east is x, so that north is at the top of a map with x to the right.
         usual = ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0])
         towards = np.array(usual[int(np.argmax(np.abs(up)))])
     else:
@@ -92,7 +96,7 @@ def north_of(up: Float64, given: object, location: SourceLocation) -> Float64:
 
 
 def towards(altitude: float, azimuth: float, north: Float64, up: Float64) -> Float64:
-    """(3,) unit, of an altitude and an azimuth from north by east, degrees."""
+    """Return the (3,) unit vector towards an altitude and an azimuth from north by east, both in degrees."""
     a, z = np.radians(altitude), np.radians(azimuth)
     east = np.cross(north, up)
     return np.asarray(np.cos(a) * (np.cos(z) * north + np.sin(z) * east) + np.sin(a) * up)
@@ -103,7 +107,7 @@ def _given(sky: description.Sky, *names: str) -> list[str]:
 
 
 def _sun(given: description.Sky, up: Float64, location: SourceLocation, folder: Path) -> _Sun:
-    """Raises SceneError for a sun that is not given, is given twice, or is below the horizon."""
+    """Return the sun of a sky. Raises SceneError if it is missing, given twice, or below the horizon."""
     methods = {
         "sun": _given(given, "sun"),
         "altitude and azimuth": _given(given, "altitude", "azimuth"),
@@ -172,7 +176,7 @@ def _of_weather(
 
 
 def _time(given: description.Sky, zone: float | None, location: SourceLocation) -> datetime:
-    """With its offset. Raises SceneError."""
+    """Return the time of the sky with its UTC offset. Raises SceneError."""
     location = location.field("time")
     try:
         time = datetime.fromisoformat(str(given.time))
@@ -202,7 +206,7 @@ def _above(altitude: float, location: SourceLocation) -> float:
 
 
 def _irradiance(given: description.Sky, sun: _Sun, location: SourceLocation, solar: bool) -> tuple[float, float]:
-    """Direct normal and diffuse horizontal, W m^-2. Raises SceneError."""
+    """Return direct normal and diffuse horizontal irradiance, W m^-2. Raises SceneError."""
     if sun.irradiance is not None:
         return sun.irradiance
     needed = ("direct",) if given.type == "sun" and solar else ("direct", "diffuse")

@@ -1,22 +1,23 @@
-"""Photometric files, EULUMDAT (.ldt): one value on each line, in a fixed order.
+"""Photometric files in EULUMDAT format (.ldt): one value on each line, in a fixed order.
 
     line        value
-    1           the maker, in words
+    1           name of the maker
     2, 3        type and symmetry: 0 none, 1 about the axis, 2 to the plane C0-C180, 3 to C90-C270, 4 to both
-    4, 5        how many planes of C there are from 0 to 360 degrees, and how far apart
-    6, 7        how many angles gamma, and how far apart
+    4, 5        number of C planes from 0 to 360 degrees, and their spacing
+    6, 7        number of gamma angles, and their spacing
     8 to 21     names, and sizes in mm
     22, 23      downward flux fraction, and light output ratio of the luminaire, per cent
-    24, 25      a factor of all intensities, and the tilt of the luminaire when it was measured
-    26          how many sets of lamps there are, each of six lines: number of lamps, type, lumens of all of them,
-                colour, colour rendering, watts. A number below 0 is absolute photometry: lumens of the luminaire
-    then        ten direct ratios, all angles of C, all of gamma, and the intensities, cd per 1000 lm of the lamps:
-                gamma by gamma of each plane that the symmetry does not give: 0 to 180 for 2, 270 over 0 to 90 for
-                3, 0 to 90 for 4
+    24, 25      factor of all intensities, and tilt of the luminaire during the measurement
+    26          number of lamp sets. Each set has six lines: number of lamps, type, lumens of all of them,
+                colour, colour rendering, watts. A negative number of lamps means absolute photometry: the lumens
+                are those of the luminaire
+    then        ten direct ratios, all C angles, all gamma angles, and the intensities, cd per 1000 lm of the lamps.
+                Intensities have one value per gamma for each stored plane. Symmetry omits planes: 0 to 180 are
+                stored for 2, 270 over 0 to 90 for 3, 0 to 90 for 4
 
-Candela are the values times line 24 times the lumens of a set over 1000: the light output ratio is in the values.
-Sets are lamps that the luminaire may be fitted with, one or another: the first is taken. The size of the luminaire
-is not used: it is a point.
+An intensity in candela is the value times line 24 times the lumens of a set over 1000. The light output ratio is
+already in the values. The sets are alternative lamps of the luminaire, and the first is used. The size of the
+luminaire is ignored, because it is treated as a point.
 
 Source:   Stockmar 1990, EULUMDAT, as Helios32 and DIAL describe it; Ashdown and DIAL, absolute photometry in
           EULUMDAT.
@@ -38,34 +39,37 @@ from glpath.scene.profile import LightProfile
 from glpath.scene.source_location import SourceLocation
 from glpath.system.numerals import real
 
-# Lines by their numbers.
+# Line numbers of the fields, from 1.
 _TYPE, _SYMMETRY, _PLANES, _GAMMAS, _OUTPUT_RATIO, _FACTOR, _SETS = 2, 3, 4, 6, 23, 24, 26
 _LINES_OF_A_SET, _DIRECT_RATIOS, _MAX_SETS = 6, 10, 20
-# First and last plane that is stored, by the symmetry.
+# First and last stored C plane for each symmetry, degrees.
 _SPANS = {2: (0.0, 180.0), 3: (270.0, 90.0), 4: (0.0, 90.0)}
-# By which part the light output ratio may differ from what the intensities sum up to.
+# Maximum relative difference between the light output ratio and the sum of the intensities.
 _RATIO_TOLERANCE = 0.1
 
 
 def parse_eulumdat(data: bytes, path: Path | str, location: SourceLocation) -> LightProfile:
-    """The profile of what is in a file, which a scene names at `location`; `path` is what errors call it.
+    """Return the profile of a file's `data`.
 
-    Raises SceneError, with the line; warns with SceneWarning of several sets of lamps, and of a light output ratio
-    that is not that of the intensities.
+    path     : name of the file in errors
+    location : location in the scene that names the file
+
+    Raises SceneError with the line. Warns with SceneWarning of several lamp sets, and of a light output ratio that
+    contradicts the intensities.
     """
     return _Reader(data, path, location).profile()
 
 
 class _Reader:
-    """The lines of a file, from 1."""
+    """Reader of the lines of a file, which are numbered from 1."""
 
     def __init__(self, data: bytes, path: Path | str, location: SourceLocation) -> None:
         self._path, self._location = path, location
-        # Of bytes, as text has more ends of lines than files, one of them an ellipsis of Windows.
+        # Bytes are split, because str.splitlines also splits at U+0085, which is an ellipsis in Windows-1252.
         self._lines = [line.decode("latin-1").strip() for line in data.removeprefix(b"\xef\xbb\xbf").splitlines()]
         while self._lines and self._lines[-1].strip("\x1a\0") == "":
             self._lines.pop()
-        self._line = 0  # that was read last
+        self._line = 0  # number of the line read last
 
     def profile(self) -> LightProfile:
         kind, symmetry = self._whole(_TYPE, "the type", 0, 3), self._whole(_SYMMETRY, "the symmetry", 0, 4)
@@ -77,7 +81,7 @@ class _Reader:
         if planes * gammas > MAX_VALUES:
             self._wrong(f"{planes} x {gammas} intensities, more than {MAX_VALUES:,}")
         ratio = self._optional(_OUTPUT_RATIO, "the light output ratio")
-        # An empty line, or 0, is of a maker who has no such factor.
+        # An empty line or 0 means that the maker gives no factor.
         factor = self._optional(_FACTOR, "the factor of intensities") or 1.0
         lumens = self._lumens()
         self._line += _DIRECT_RATIOS
@@ -95,7 +99,7 @@ class _Reader:
         if candela.max() > LARGEST:
             self._wrong(f"an intensity of up to {candela.max():.3g} cd; at most {LARGEST:g} are taken")
         if symmetry == 3:
-            # The other side, where C ascends from 90 to 270.
+            # Mirror the planes to the other side, where C ascends from 90 to 270.
             c, candela = 180.0 - np.where(c > 180, c - 360.0, c)[::-1], candela[::-1]
         elif symmetry == 0 and c[-1] != 360:
             c, candela = np.append(c, 360.0), np.concatenate([candela, candela[:1]])
@@ -103,16 +107,16 @@ class _Reader:
         self._check_ratio(found.flux / lumens, ratio / 100.0)
         return found
 
-    # Parts of the file.
+    # Methods that read parts of the file.
 
     def _lumens(self) -> float:
-        """Of the first set of lamps."""
+        """Return the lumens of the first lamp set, and continue after the last set. Warns if the sets differ."""
         sets = self._whole(_SETS, "the number of sets of lamps", 1, _MAX_SETS)
         fluxes = []
         for i in range(sets):
             self._line = _SETS + _LINES_OF_A_SET * i
             self._whole(self._line + 1, "the number of lamps", -1_000_000, 1_000_000)
-            self._line += 1  # their type
+            self._line += 1  # skips their type
             fluxes.append(self._number("the lumens of the lamps", 0.0))
             if fluxes[0] == 0:
                 self._wrong("0 as the lumens of the lamps: no light")
@@ -134,7 +138,7 @@ class _Reader:
         return found
 
     def _stored(self, c: Float64, symmetry: int) -> Float64:
-        """Those planes of C whose intensities are in the file, in their order there."""
+        """Return the C planes whose intensities are in the file, in the order of the file."""
         if c[0] != 0:
             self._wrong(f"angles above it of which the first of C is {c[0]:g}, not 0")
         if symmetry == 1:
@@ -155,7 +159,7 @@ class _Reader:
                 f"lumens, and its light output ratio is {100 * written:.3g} %: the intensities are taken."
             )
 
-    # Lines.
+    # Methods that read single lines.
 
     def _text(self, what: str) -> str:
         if self._line >= len(self._lines):
@@ -175,7 +179,7 @@ class _Reader:
         return number
 
     def _optional(self, line: int, what: str) -> float:
-        """0 where the line is empty."""
+        """Return the number in a line, or 0 if the line is empty."""
         self._line = line - 1
         if self._line < len(self._lines) and not self._lines[self._line]:
             return 0.0

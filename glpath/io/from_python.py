@@ -1,8 +1,8 @@
-"""Scenes that are made in Python: dictionaries with arrays, meshes and scenes of trimesh.
+"""Scenes that are made in Python: dictionaries with arrays, and meshes and scenes of trimesh.
 
-What such a scene does not say is filled in, and a SceneWarning says what: a camera that sees everything, and light
-from all around. trimesh is not imported here: who hands in one of its objects has done so. Its meshes have the
-materials that they bring, unless they are given others.
+A missing camera or missing light is added, and a SceneWarning reports it. trimesh is not imported here, because a
+caller who passes one of its objects has imported it. Meshes of trimesh keep their own materials, unless the caller
+gives them others.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ _NO_CAMERA = {"position": [0.0, 0.0, 1.0], "target": [0.0, 0.0, 0.0]}
 
 
 def is_made_in_python(scene: object) -> bool:
-    """Whether it is a dictionary or an object of trimesh."""
+    """Return True if the scene is a dictionary or an object of trimesh."""
     return isinstance(scene, Mapping) or _of_trimesh(scene, "Trimesh") or _of_trimesh(scene, "Scene")
 
 
 def scene_from_python(scene: Any) -> Scene:
-    """The scene of a dictionary, a `trimesh.Trimesh` or a `trimesh.Scene`; see `load_scene`."""
+    """Return the scene of a dictionary, a `trimesh.Trimesh` or a `trimesh.Scene`; see `load_scene`."""
     if _of_trimesh(scene, "Trimesh"):
         scene = {"shapes": [{"mesh": scene}], "unit": "photometric"}
     elif _of_trimesh(scene, "Scene"):
@@ -51,7 +51,7 @@ def scene_from_python(scene: Any) -> Scene:
 
 
 def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Scene:
-    """See `Scene.add`."""
+    """Return the scene with a shape added; see `Scene.add`."""
     table = {**({"mesh": shape} if _of_trimesh(shape, "Trimesh") or isinstance(shape, Mesh) else shape), **fields}
     names = [each.name for each in scene.materials]
     if isinstance(material, str) and material not in names:
@@ -88,7 +88,7 @@ shapes_are_built_by(added)
 def _complete(
     data: Mapping[str, Any], location: SourceLocation, folder: Path, lights: Sequence[Light] = ()
 ) -> Scene:
-    """The scene with a camera and a light, with a warning of what had to be added."""
+    """Return the scene of a dictionary with a camera and light. Warns of each part that had to be added."""
     scene = _scene_with_looks(
         {"camera": _NO_CAMERA, **data}, location, folder, str(data.get("name", location.source))
     )
@@ -105,9 +105,9 @@ def _of_trimesh(value: object, kind: str) -> bool:
 
 
 def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
-    """The scene format's form of a `trimesh.Scene`: an instance for each node, its camera where it has one.
+    """Return a `trimesh.Scene` as a dictionary of the scene format: a shape for each node, and its camera if any.
 
-    others : what of it is not used beside what is found here
+    others : names of further parts that are not used, for the same warning
     """
     shapes: list[dict[str, Any]] = []
     dropped = set(others)
@@ -122,7 +122,7 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
         )
     if dropped:
         warn(f"scene: dropped {', '.join(sorted(dropped))}.")
-    data: dict[str, Any] = {"shapes": shapes, "unit": "photometric"}  # trimesh's materials and lights are glTF's
+    data: dict[str, Any] = {"shapes": shapes, "unit": "photometric"}  # trimesh has materials and lights of glTF
     if scene.has_camera:
         to_world, camera = np.asarray(scene.camera_transform), scene.camera
         eye, forward, up = to_world[:3, 3], -to_world[:3, 2], to_world[:3, 1]
@@ -132,12 +132,12 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
 
 
 def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder: Path, name: str) -> Scene:
-    """The scene of a dictionary, where meshes of trimesh that are given no material have their own."""
+    """Return the scene of a dictionary. Meshes of trimesh without a given material keep their own."""
     shapes = data.get("shapes", [])
     if not isinstance(shapes, list | tuple):
         return scene_of(data, location, folder, name)
     surfaces = Surfaces()
-    made: dict[int, tuple[Mesh, Surface | None]] = {}  # by identity: instances share a mesh
+    made: dict[int, tuple[Mesh, Surface | None]] = {}  # by id(), so that instances share a mesh
     looks: dict[int, Surface] = {}
     tables = []
     for index, shape in enumerate(shapes):
@@ -155,7 +155,7 @@ def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder:
     scene = scene_of({**data, "shapes": tables}, location, folder, name)
     sky = data.get("sky")
     has_map = is_aside("sky") or (isinstance(sky, Mapping) and "file" in sky and "unit" not in sky)
-    # As of glTF assets: beside an environment map without a unit, 1 is the same radiance in both.
+    # As for glTF assets, emission of 1 means the same radiance as 1 in an environment map without a unit.
     factor = 1.0 if has_map and "unit" not in data else conversion("photometric", scene.unit)
     return _with_looks(scene, looks, surfaces.textures, factor)
 
@@ -163,7 +163,7 @@ def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder:
 def _with_looks(
     scene: Scene, looks: Mapping[int, Surface], textures: Sequence[Texture], emission_factor: float
 ) -> Scene:
-    """The scene whose shapes of some numbers have other surfaces, with the light that these send."""
+    """Return the scene with the surfaces `looks`, by index of their shape, and with the light that these emit."""
     if not looks:
         return scene
     given = list(dict.fromkeys(map(id, looks.values())))
@@ -180,7 +180,7 @@ def _with_looks(
         surface = looks[index]
         shape = replace(shape, material=len(kept) + given.index(id(surface)))
         if not shape.emits and surface.emission.any():
-            emission = emission_factor * surface.emission  # glTF's material
+            emission = emission_factor * surface.emission
             shape = replace(shape, emission=emission, emission_two_sided=surface.material.two_sided)
         shapes.append(shape)
     return replace(

@@ -1,7 +1,7 @@
-"""Materials, colours and lights of trimesh's objects. trimesh is not imported here: the caller has done so.
+"""Materials, colours and lights of trimesh objects. trimesh is not imported here, because the caller has done so.
 
-Its colours of 8 bits are sRGB's, but for those of `PBRMaterial` and what comes with it, which are linear as glTF's
-are. What a `PBRMaterial` does not say is glTF's default: of metal, and all rough.
+8-bit colours are sRGB. Those of a `PBRMaterial`, and colours of vertices beside a material, are linear as in glTF.
+Missing fields of a `PBRMaterial` have the defaults of glTF, which are metallic and fully rough.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from glpath.scene.model import Float64, Light, Material, Mesh, Texture, TextureS
 from glpath.system.private_interfaces import given_trimesh_lights
 
 _ALPHA: dict[str, Literal["opaque", "mask", "blend"]] = {"MASK": "mask", "BLEND": "blend"}
-#: The colour of trimesh's materials that say none.
+#: Default colour of trimesh materials, which counts as no colour.
 _UNSAID = (102, 102, 102)
 
 
 def coloured(mesh: Mesh, given: Any) -> Mesh:
-    """Return `mesh` with the colours of vertices or faces of trimesh's mesh `given`; itself if that has none.
+    """Return `mesh` with the vertex or face colours of the trimesh mesh `given`; unchanged if that has none.
 
-    mesh : with the vertices and faces of `given`
+    mesh : mesh with the vertices and faces of `given`
     """
     kind = getattr(given.visual, "kind", None)
     if kind == "face" and len(given.visual.face_colors) == len(mesh.faces):
@@ -41,7 +41,7 @@ def coloured(mesh: Mesh, given: Any) -> Mesh:
 
 
 def surface_of_colours(mesh: Mesh) -> tuple[Mesh, Surface]:
-    """A mesh of colours alone with its surface: where they are all one it is the surface's."""
+    """Return a mesh that has only colours, and its surface; a uniform colour moves to the surface."""
     assert mesh.colours is not None
     first = mesh.colours[0]
     if np.all(mesh.colours == first):
@@ -53,7 +53,7 @@ def surface_of_colours(mesh: Mesh) -> tuple[Mesh, Surface]:
 
 
 def _rgba(colours: Any, *, srgb: bool) -> Float64:
-    """(n, 4) in [0, 1], linear Rec. 709 and alpha, of fractions or of integers whose largest number is white."""
+    """Return (n, 4) linear Rec. 709 and alpha in [0, 1]. The maximum of an integer type counts as white."""
     stored = np.asarray(colours)
     values = stored / np.iinfo(stored.dtype).max if stored.dtype.kind in "iu" else stored.astype(np.float64)
     values = phong.share(values)
@@ -64,15 +64,15 @@ def _rgba(colours: Any, *, srgb: bool) -> Float64:
 
 @dataclass
 class Surfaces:
-    """The materials of meshes of trimesh, and their textures, each made once."""
+    """Materials of trimesh meshes and their textures; each is made once."""
 
     textures: list[Texture] = field(default_factory=list)
     _surfaces: dict[tuple[int, bool, bool], Surface] = field(default_factory=dict)
     _numbers: dict[tuple[int, bool], int] = field(default_factory=dict)
-    _alive: list[Any] = field(default_factory=list)  # so that no two have one id
+    _alive: list[Any] = field(default_factory=list)  # keeps objects alive, so that their ids stay unique
 
     def of(self, given: Any, mesh: Mesh) -> tuple[Mesh, Surface | None]:
-        """`mesh`, made of `given` of trimesh, with the colours of that, and its surface; None where it has none."""
+        """Return `mesh`, made from the trimesh mesh `given`, with the colours of that, and its surface or None."""
         mesh = coloured(mesh, given)
         material = getattr(given.visual, "material", None) if given.visual.kind == "texture" else None
         if material is None:
@@ -109,7 +109,7 @@ class Surfaces:
         return Surface(material, np.asarray(emission, np.float64)[:3])
 
     def _phong(self, given: Any, with_colours: bool) -> Surface:
-        """The material of a `SimpleMaterial`; any other of trimesh's has a main colour."""
+        """Return the surface of a `SimpleMaterial`, or of another trimesh material from its main colour."""
         texture = self._slot(getattr(given, "image", None), srgb=True)
         diffuse = np.asarray(getattr(given, "diffuse", given.main_color))
         base, opacity = decode_srgb(phong.share(diffuse[:3] / 255)), float(diffuse[3] / 255)
@@ -142,14 +142,14 @@ class Surfaces:
 
 
 def _share(value: Any) -> float:
-    """1 where glTF's default is meant."""
+    """Return `value` clamped to [0, 1]; 1, the default of glTF, if it is None."""
     return 1.0 if value is None else float(phong.share(value))
 
 
 def lights(scene: Any) -> tuple[list[Light], list[str]]:
-    """The lights that a `trimesh.Scene` was given, in cd and lx as glTF has them; and names of others.
+    """Return the lights of a `trimesh.Scene`, in cd and lx as in glTF, and the names of lights that are not used.
 
-    They look along -z of their nodes.
+    Lights shine along -z of their nodes.
     """
     found, others = [], []
     for given in given_trimesh_lights(scene) or ():

@@ -1,18 +1,21 @@
-"""Photometric files, IES LM-63 of 1986, 1991, 1995, 2002 and 2019: type C, as nearly all luminaires have.
+"""Photometric files in IES LM-63 format of 1986, 1991, 1995, 2002 and 2019.
+
+Only photometry of type C is read, which nearly all luminaires have.
 
     IESNA:LM-63-2002
-    [TEST] ...                 lines of text, in files of before 1991 without brackets
+    [TEST] ...                 lines of text; in files before 1991 without brackets
     TILT=NONE
-    1 1000 1.0 3 1 1 2 0 0 0   lamps, lumens, multiplier, angles of gamma and of C, type, unit, and three lengths
-    1.0 1.0 50                 ballast factor, ballast lamp factor (or kept for the future), watts
-    0 45 90                    gamma
-    0                          C: 0 alone, or to 90, 180 or 360: the rest follows by symmetry
-    1000 700 0                 candela, gamma by gamma, for each C
+    1 1000 1.0 3 1 1 2 0 0 0   lamps, lumens, multiplier, numbers of gamma and C angles, type, unit, three lengths
+    1.0 1.0 50                 ballast factor, ballast lamp factor (or reserved), watts
+    0 45 90                    gamma angles
+    0                          C angles: 0 alone, or 0 to 90, 180 or 360; symmetry gives the other planes
+    1000 700 0                 candela for each C, one value per gamma
 
-The values are candela times multiplier, ballast factor and ballast lamp factor. The size of the luminaire is not
-used: it is a point. Numbers may be parted by commas, and break lines anywhere.
+Intensity is the value times the multiplier, the ballast factor and the ballast lamp factor. The size of the
+luminaire is ignored, because it is treated as a point. Commas may separate numbers, and lines may break between any
+two numbers.
 
-Source:   ANSI/IESNA LM-63-02; Radiance's ies2rad for what files in use look like.
+Source:   ANSI/IESNA LM-63-02; Radiance's ies2rad for the variants that occur in practice.
 """
 
 from __future__ import annotations
@@ -33,7 +36,7 @@ from glpath.scene.source_location import SourceLocation
 from glpath.system.numerals import real
 
 _TYPES = {"1": "C", "2": "B", "3": "A"}
-# First and last angle of C.
+# Allowed first and last C angles, degrees.
 _SPANS = ((0.0, 90.0), (0.0, 180.0), (0.0, 360.0), (90.0, 270.0))
 
 _WHOLE = "Take a whole file of the maker's, or open it in a viewer of photometric files."
@@ -41,9 +44,12 @@ _DECIMALS = "Commas separate numbers. If they are decimal commas here, write poi
 
 
 def parse_ies(data: bytes, path: Path | str, location: SourceLocation) -> LightProfile:
-    """The profile of what is in a file, which a scene names at `location`; `path` is what errors call it.
+    """Return the profile of a file's `data`.
 
-    Raises SceneError, with the line; warns of a TILT, and of words after the last candela.
+    path     : name of the file in errors
+    location : location in the scene that names the file
+
+    Raises SceneError with the line. Warns of TILT factors other than 1, and of words after the last candela.
     """
     # DOS ends a text with ^Z, other systems pad it with NUL.
     text = data.decode("latin-1").partition("\x1a")[0].rstrip("\0 \r\n")
@@ -51,15 +57,15 @@ def parse_ies(data: bytes, path: Path | str, location: SourceLocation) -> LightP
 
 
 class _Reader:
-    """The numbers of a file, one after another, with the line of each."""
+    """Reader of the numbers of a file, one after another, with the line of each number."""
 
     def __init__(self, text: str, path: Path | str, location: SourceLocation) -> None:
         self._path, self._location = path, location
         self._lines = text.splitlines()
-        self._line = 0  # of the last number, from 1
+        self._line = 0  # line of the last number, from 1
         self._numbers: list[tuple[str, int]] = []
         self._next = 0
-        self._has_commas = False  # between digits
+        self._has_commas = False  # True if a comma separates two digits
 
     def profile(self) -> LightProfile:
         tilt = self._tilt()
@@ -98,7 +104,7 @@ class _Reader:
             self._wrong(f"{candela.max():.3g} candela; at most {LARGEST:g} are taken")
         return on_regular_grid(*all_around(c, candela), gamma)
 
-    # Parts of the file.
+    # Methods that read parts of the file.
 
     def _tilt(self) -> str:
         tilt = ""
@@ -147,7 +153,7 @@ class _Reader:
             self._wrong(count)
         warn(f'{self._location}: {self._path} has {count}, from "{first[:20]}" in line {self._line}: not used.')
 
-    # Words and numbers.
+    # Methods that read single words and numbers.
 
     def _word(self, what: str) -> str:
         if self._next >= len(self._numbers):
@@ -177,7 +183,7 @@ class _Reader:
         number = self._number(f"the number of {what} angles")
         if not (number.is_integer() and minimum <= number <= MAX_ANGLES):
             self._wrong(f"{number:g} {what} angles; expected {minimum} to {MAX_ANGLES}")
-        # Each is a word of the file.
+        # Each angle is a word of the file, so enough words must follow.
         if number > len(self._numbers) - self._next:
             self._wrong(f"{number:g} {what} angles, but only {len(self._numbers) - self._next} words follow")
         return int(number)
@@ -190,9 +196,11 @@ class _Reader:
 
 
 def _with_last_plane(c: Float64) -> Float64:
-    """Return angles of C with 360 added, if they go around from 0 and only the plane that closes them is missing.
+    """Return C angles with 360 added, if they start at 0 and only the plane at 360 is missing.
 
-    Source: Cycles, util/ies.cpp: the gap is as wide as the first or the last step.
+    Only that plane is missing if the gap to 360 is as wide as the first or the last step.
+
+    Source: Cycles, util/ies.cpp.
     """
     if len(c) < 3 or c[0] != 0 or not 180 < c[-1] < 360:
         return c

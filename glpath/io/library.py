@@ -1,6 +1,6 @@
-"""Scenes by name: the files that ship with glpath, and scenes that a function makes from parameters.
+"""Scenes by name: files that ship with glpath, and scenes that functions generate from parameters.
 
-`load_scene` is the door for everything that takes a scene: a file, a name, or a `Scene` as it is.
+`load_scene` accepts every form of a scene: a file, a name, or a `Scene`.
 """
 
 from __future__ import annotations
@@ -50,38 +50,38 @@ SCENE_SUFFIXES = (".toml", *MODEL_FORMATS, ".xml", ".hbjson")
 
 
 def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> Scene:
-    """The scene of a file, of a shipped name, or of what Python has.
+    """Return the scene of a file, of a shipped name, or of a Python object.
 
     Parameters
     ----------
     scene      : one of
-                 the path of a TOML file, of a scene of Mitsuba 3 (.xml, see `glpath.io.mitsuba`), of a model of
+                 path of a TOML file, of a scene of Mitsuba 3 (.xml, see `glpath.io.mitsuba`), of a model of
                  honeybee (.hbjson, see `glpath.io.honeybee`), or of a model:
                  glTF (.glb, .gltf), OBJ with its MTL, or one of `glpath.io.meshes.FORMATS`. A path has a folder
                  or such a suffix; `./furnace` is always a file;
-                 the name of a shipped scene (`shipped_scenes()`);
-                 a dictionary of the TOML's form, whose meshes may have `vertices` (V, 3), `faces` (F, 3) or (F, 4)
-                 and `uv` (V, 2) as numpy arrays, or `mesh = trimesh.Trimesh`;
-                 a `trimesh.Trimesh`, or a `trimesh.Scene` with its transforms, materials, textures and colours,
-                 and its lights and camera where it has them;
-                 a `Scene`, which is given back as it is.
-    parameters : values for a generated scene, for a glTF file: `camera`, `animation`, `variant`, `time`,
-                 `shutter`, `light_factor`, `unit` and `backs`, for a TOML file: `time`, for honeybee's: `overcast`,
-                 `ground` and `view`, for one of Mitsuba's: its `<default>`s (`scene_parameters`), and for other
-                 files without a camera: `up`, the axis that is up; as text (`-D key=value`) or of the parameter's
-                 type
+                 name of a shipped scene (`shipped_scenes()`);
+                 dictionary in the form of the TOML, whose meshes may have numpy arrays `vertices` (V, 3),
+                 `faces` (F, 3) or (F, 4) and `uv` (V, 2), or `mesh = trimesh.Trimesh`;
+                 `trimesh.Trimesh`, or `trimesh.Scene` with its transforms, materials, textures and colours,
+                 and its lights and camera if it has them;
+                 `Scene`, which is returned unchanged
+    parameters : values by name, as text (`-D key=value`) or of the parameter's type. A generated scene has its own
+                 (`scene_parameters`). A glTF file has `camera`, `animation`, `variant`, `time`, `shutter`,
+                 `light_factor`, `unit` and `backs`; a TOML file `time`; a honeybee model `overcast`, `ground` and
+                 `view`; a Mitsuba scene its `<default>`s. Other files without a camera have `up`, their up axis
 
-    Every scene has these parameters, too: `environment`, the file of an environment map (.hdr, .exr) that lights it
-    instead of its sky, with `environment_rotation` (degrees) and `environment_exposure` (stops); and `background`,
-    "environment", "plain" or "transparent": what the camera sees behind all shapes.
+    Every scene also has the parameters `environment`, `environment_rotation` (degrees), `environment_exposure`
+    (stops) and `background`. `environment` is the file of an environment map (.hdr, .exr) that replaces the sky.
+    `background` is "environment", "plain" or "transparent", and is visible behind all shapes.
 
-    A file may leave out the camera, for one that frames everything, and all light, for a studio. Up is y, in
-    formats other than glTF z if there is evidence for it. SceneWarnings report it, and what of a model is not used.
-    A TOML file with a camera has light of its own. The picture of a model's camera has its aspect and 512 pixels on
-    the longer side, any other 512 x 512.
+    If the file has no camera, one that frames everything is added; if it has no light, a studio is added. The up
+    axis is then y, or z in formats other than glTF if there is evidence for it. SceneWarnings report these
+    additions and the parts of a model that are not used. A TOML file with a camera gets no added light. An image
+    has 512 x 512 pixels; one of a model's own camera has the camera's aspect ratio and 512 pixels on the longer
+    side.
 
-    Raises SceneError, which names the file, the location in it, what was found and what is allowed. Warns with
-    SceneWarning of triangles without area. Whether the scene shows anything is asked by `check_scene`.
+    Raises SceneError, which names the file, the location in it, the value found and the values allowed. Warns with
+    SceneWarning of triangles without area. `check_scene` checks if the scene shows anything.
     """
     surroundings, own = Surroundings.taken_from(parameters, SourceLocation("load_scene"))
     with one_warning_per_cause():
@@ -96,7 +96,7 @@ def _in_surroundings(scene: AnyScene, surroundings: Surroundings, own: Mapping[s
 
 
 def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
-    """The scene in its own surroundings."""
+    """Return the scene in its own surroundings."""
     if isinstance(scene, Scene):
         return _without_parameters(scene, scene.name, parameters)
     if is_made_in_python(scene):
@@ -121,18 +121,18 @@ def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
     if path.suffix.lower() in MODEL_FORMATS:
         return _made(read_mesh_model_as_asked, SourceLocation(text), parameters, path)
     if path.suffix.lower() == ".xml":
-        from glpath.io.mitsuba import read_mitsuba  # which takes from the exporters, which load scenes
+        from glpath.io.mitsuba import read_mitsuba  # late, because it imports exporters, which import this module
 
         return read_mitsuba(path, parameters)
     if path.suffix.lower() == ".hbjson":
-        from glpath.io.honeybee import read_honeybee  # which few scenes need
+        from glpath.io.honeybee import read_honeybee  # late, because few scenes need it
 
         return _made(read_honeybee, SourceLocation(text), parameters, path)
     return _made(_read_as_asked, SourceLocation(text), parameters, path)
 
 
 def shipped_scenes() -> dict[str, str]:
-    """Name and one-line description of every scene that ships with glpath, by name."""
+    """Return the one-line description of every scene that ships with glpath, by name."""
     described = {
         name: tomllib.loads(path.read_text("utf-8"))["description"] for name, path in _scene_files().items()
     }
@@ -141,9 +141,9 @@ def shipped_scenes() -> dict[str, str]:
 
 
 def scene_parameters(name: str, given: Mapping[str, object] | None = None) -> dict[str, tuple[object, str]]:
-    """Default and description of each parameter of a generated scene or of a file; empty for others.
+    """Return default and description of each parameter of a generated scene or of a file; empty for other scenes.
 
-    given : values of some of them. A default of None means that the parameter must be given.
+    given : values of some parameters. A default of None means that the parameter must be given.
     """
     if name in GENERATED:
         return _parameters_of(GENERATED[name])
@@ -170,17 +170,17 @@ def scene_parameters(name: str, given: Mapping[str, object] | None = None) -> di
 
 
 def scene_cameras(name: str) -> tuple[str, ...]:
-    """Names of the cameras of a glTF file, of which the parameter `camera` chooses one; empty for other scenes."""
+    """Return the camera names of a glTF file, from which the parameter `camera` chooses; empty for other scenes."""
     return gltf_cameras(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
 
 
 def scene_animations(name: str) -> tuple[tuple[str, float], ...]:
-    """Names and seconds of a glTF file's animations, of which `animation` chooses one; empty for other scenes."""
+    """Return names and lengths in seconds of a glTF file's animations, for `animation`; empty for other scenes."""
     return gltf_animations(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
 
 
 def scene_variants(name: str) -> tuple[str, ...]:
-    """Names of a glTF file's variants of materials, of which `variant` chooses one; empty for other scenes."""
+    """Return the names of a glTF file's material variants, for `variant`; empty for other scenes."""
     return gltf_variants(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
 
 
@@ -192,7 +192,7 @@ def _read_as_asked(
     ] = 0.0,
     up: Up = "guess",
 ) -> Scene:
-    """The scene of a TOML file by parameters that users give; see `load_scene`."""
+    """Return the scene of a TOML file with the parameters that users give; see `load_scene`."""
     return read_scene_file(path, time, up)
 
 
@@ -206,7 +206,7 @@ def _parameters_of(make: Callable[..., object]) -> dict[str, tuple[object, str]]
 
 
 def parameters_from_options(options: Sequence[str]) -> dict[str, str]:
-    """`["radiance=2", "shape=sphere"]`, as `-D` gives them, as a dictionary. Raises UsageError."""
+    """Return options of `-D`, such as `["radiance=2", "shape=sphere"]`, as a dictionary. Raises UsageError."""
     parameters = {}
     for option in options:
         key, equals, value = option.partition("=")
@@ -271,7 +271,7 @@ GENERATED: dict[str, Callable[..., Scene]] = {
 def _made(
     make: Callable[..., _Made], location: SourceLocation, parameters: Mapping[str, object], *given: Path
 ) -> _Made:
-    """Call `make` with the arguments `given`, then parameters, which may be text, converted by its hints."""
+    """Call `make` with `given` and with parameters, which may be text and are converted by `make`'s type hints."""
     known = _parameters_of(make)
     hints = get_type_hints(make, include_extras=True)
     values = {}

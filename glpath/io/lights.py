@@ -1,4 +1,4 @@
-"""The light of a scene file: punctual lights, emission, ambient light, the sky and environment maps."""
+"""Light of a scene file: punctual lights, emission, the sky, portals and environment maps."""
 
 from __future__ import annotations
 
@@ -26,16 +26,17 @@ from glpath.scene.source_location import SourceLocation
 from glpath.scene.spot_cone import spot_solid_angle
 
 MAPS = (".exr", ".hdr", ".png", ".jpg", ".jpeg")
-# What a sky of irradiances does not have.
+# Fields that a sky of irradiances (type "perez" or "sun") does not have.
 _NOT_OF_DAYS = ("cie_type", "illuminance", "zenith", "horizon", "file", "scale", "rotation", "unit")
 
 
 def lights(
     given: Sequence[AnyLight], location: SourceLocation, folder: Path, camera_up: Float64, scene_unit: Unit
 ) -> tuple[Light, ...]:
-    """The lights of the file, in the unit of the scene. Raises SceneError.
+    """Return the lights of the file, in the unit of the scene. Raises SceneError.
 
-    location, folder : of their list; where relative paths start
+    location : location of the list of lights
+    folder   : base folder of relative paths
     """
     profiles: dict[Path, LightProfile] = {}
     made = (
@@ -49,13 +50,13 @@ def lights(
 
 
 def _factor_of(given: AnyLight | Emission) -> float | None:
-    """The maintenance factor of a description; None where it has none."""
+    """Return the maintenance factor of a description; None if it has none."""
     factor = getattr(given, "maintenance_factor", UNSET)
     return None if isinstance(factor, UnsetType) else float(factor)
 
 
 def _unit_of(given: AnyLight, location: SourceLocation, scene_unit: Unit) -> Unit:
-    """The unit that a light's numbers are in. Raises SceneError for a profile in watts."""
+    """Return the unit of a light's numbers. Raises SceneError for a profile in watts."""
     if isinstance(given, description.PointLight) and not isinstance(given.profile, UnsetType):
         if given.unit == "radiometric":
             raise location.field("unit").error(
@@ -83,7 +84,7 @@ def _light(
                     name, "point", _plain_intensity(given, location), position=position, falloff=given.falloff
                 )
             path = folder / given.profile
-            if path not in profiles:  # a file is read once, however many lamps it is of
+            if path not in profiles:  # reads a file once for all its lamps
                 profiles[path] = read_profile(path, location.field("profile"))
             direction, c0 = _orientation(given, camera_up, location)
             return Light(
@@ -124,7 +125,7 @@ def _light(
 
 
 def _plain_intensity(given: description.PointLight, location: SourceLocation) -> Float64:
-    """(3,) of a light without a profile."""
+    """Return the (3,) intensity of a light without a profile. Raises SceneError."""
     for name in ("direction", "c0"):
         if not isinstance(getattr(given, name), UnsetType):
             raise location.field(name).error(
@@ -136,9 +137,9 @@ def _plain_intensity(given: description.PointLight, location: SourceLocation) ->
 def _intensity(
     given: description.PointLight | description.SpotLight, angle: float, location: SourceLocation
 ) -> Float64:
-    """(3,) of a light without a profile, by its intensity or by its flux.
+    """Return the (3,) intensity of a light without a profile, from its intensity or its flux. Raises SceneError.
 
-    angle : steradians, by which its flux is divided
+    angle : solid angle that divides the flux, steradians
     """
     if not isinstance(given.flux, UnsetType):
         if not isinstance(given.intensity, UnsetType):
@@ -153,7 +154,7 @@ def _intensity(
 
 
 def _times_candela(given: description.PointLight, profile: LightProfile, location: SourceLocation) -> Float64:
-    """(3,): what the candela of a profile are multiplied by."""
+    """Return the (3,) factor of a profile's candela. Raises SceneError."""
     if isinstance(given.flux, UnsetType):
         return light(
             1.0 if isinstance(given.intensity, UnsetType) else given.intensity, location.field("intensity")
@@ -166,7 +167,7 @@ def _times_candela(given: description.PointLight, profile: LightProfile, locatio
 
 
 def _flux(given: description.PointLight | description.SpotLight, location: SourceLocation) -> Float64:
-    """(3,), W or lm."""
+    """Return the (3,) flux of a light, W or lm. Raises SceneError."""
     if given.falloff == "none":
         raise location.field("flux").error(
             'is of a light whose falloff is "none", which has no flux.', "Give it an intensity."
@@ -177,11 +178,11 @@ def _flux(given: description.PointLight | description.SpotLight, location: Sourc
 def _orientation(
     given: description.PointLight, camera_up: Float64, location: SourceLocation
 ) -> tuple[Float64, Float64]:
-    """Where gamma is 0, and C at gamma 90: (3,) each, unit and perpendicular."""
+    """Return the directions of gamma = 0, and of C = 0 at gamma = 90: (3,) each, unit and perpendicular."""
     down = -camera_up if isinstance(given.direction, UnsetType) else given.direction
     direction = unit(down, location.field("direction"), "direction = [0, -1, 0]")
     if isinstance(given.c0, UnsetType):
-        # Not the axis that the light goes along.
+        # Choose an axis that is not parallel to the light's direction.
         towards = np.array([0.0, 0.0, 1.0] if abs(direction[0]) > 0.999 else [1.0, 0.0, 0.0])
     else:
         towards = unit(given.c0, location.field("c0"), "c0 = [1, 0, 0]")
@@ -208,7 +209,7 @@ def _cone(cone: tuple[float, float], location: SourceLocation) -> tuple[float, f
 def emission(
     given: Emission | UnsetType, location: SourceLocation, scene_unit: Unit, shape: Shape, material: Material
 ) -> Shape:
-    """The shape with the radiance of its description, in the unit of the scene. Raises SceneError."""
+    """Return the shape with the radiance of its description, in the unit of the scene. Raises SceneError."""
     if isinstance(given, UnsetType):
         return shape
     factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
@@ -230,7 +231,7 @@ def emission(
 
 
 def _area_of(shape: Shape) -> float:
-    """Scene units squared, of a mesh or of spheres, that may be ellipsoids."""
+    """Return the area of a mesh or of a sphere, which may be an ellipsoid, in scene units squared."""
     if isinstance(shape.geometry, Mesh):
         corners = shape.geometry.vertices[shape.geometry.faces]
         edges = (corners[:, 1:] - corners[:, :1]) @ shape.world_from_object[0, :, :3].T
@@ -247,9 +248,9 @@ def _area_of(shape: Shape) -> float:
 def sky(
     given: description.Sky | UnsetType, camera_up: Float64, location: SourceLocation, folder: Path, scene_unit: Unit
 ) -> Sky | Environment | None:
-    """The sky in the unit of the scene, or None where the file has none. Raises SceneError.
+    """Return the sky in the unit of the scene; None if the file has no sky. Raises SceneError.
 
-    folder : where relative paths start
+    folder : base folder of relative paths
     """
     if isinstance(given, UnsetType):
         return None
@@ -284,7 +285,7 @@ def sky(
 
 
 def portals(given: description.Sky | UnsetType, location: SourceLocation) -> tuple[Portal, ...]:
-    """The portals of the sky at a location. Raises SceneError."""
+    """Return the portals of the sky at `location`. Raises SceneError."""
     if isinstance(given, UnsetType):
         return ()
     location = location.field("portals")
@@ -301,7 +302,7 @@ def portals(given: description.Sky | UnsetType, location: SourceLocation) -> tup
 
 
 def _cie_sky(given: description.Sky, up: Float64, factor: float, location: SourceLocation) -> Environment:
-    """A sky of the CIE. Raises SceneError."""
+    """Return the environment of a sky of the CIE. Raises SceneError."""
     _check_names(given, ("horizon", "file", "scale", "rotation"), location, "A sky of the CIE has none.")
     if isinstance(given.cie_type, UnsetType):
         raise location.error(
@@ -332,7 +333,7 @@ def _cie_sky(given: description.Sky, up: Float64, factor: float, location: Sourc
 
 
 def _check_names(given: description.Sky, names: tuple[str, ...], location: SourceLocation, remedy: str) -> None:
-    """Raise SceneError for the first of the fields that a sky of this kind has not."""
+    """Raise SceneError for the first of the fields `names` that is set, because such a sky does not have it."""
     for name in names:
         if not isinstance(getattr(given, name), UnsetType):
             raise location.error(f"has `{name}`, which is not a field of such a sky.", remedy)
@@ -341,7 +342,10 @@ def _check_names(given: description.Sky, names: tuple[str, ...], location: Sourc
 def environment_map(
     path: Path, scale: float, rotation: float, up: Float64, location: SourceLocation
 ) -> Environment:
-    """The environment map of a file that is named at `location`. Raises SceneError; warns of what it clips."""
+    """Return the environment map of a file that a scene names at `location`.
+
+    Raises SceneError; warns of clipped values.
+    """
     stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, location, read_image)
     negative = np.count_nonzero(stored < 0)
     if negative:

@@ -1,7 +1,7 @@
-"""A scene file or a dictionary as a `Scene`: TOML [tomllib], typed data [msgspec], then `build`.
+"""Read a scene file or a dictionary as a `Scene`: TOML [tomllib], typed data [msgspec], then `build`.
 
-msgspec says what is wrong and where; here its errors get the words of the scene format: the location as
-`file: shapes[3].material`, what was found, what is allowed, and the description of the field as the remedy.
+msgspec reports what is wrong and where. This module rewords its errors in terms of the scene format: the location
+as `file: shapes[3].material`, the value found, the values allowed, and the description of the field as the remedy.
 """
 
 from __future__ import annotations
@@ -41,24 +41,24 @@ from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 _WORDS = {"float": "a number", "int": "a whole number", "str": "a text in quotes", "bool": "true or false"}
 _WORDS |= {"array": "a list", "object": "a table"}
 _DEEPEST = 100
-# A key of a hundred parts, `a.a.a...`: tomllib's time goes by their square.
+# A key of a hundred parts, `a.a.a...`. tomllib takes time quadratic in the number of parts.
 _DEEP_KEY = re.compile(
     r"""^[ \t]*\[{0,2}[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""", re.MULTILINE
 )
 _LIGHT = ("emission", "emissive", "emission_color", "emissive_color", "radiance", "ke", "light")
-# Tables that a scene file has once, and their types.
+# Tables that occur once in a scene file, and their types.
 _TABLES = {"film": (Film,), "camera": get_args(AnyCamera), "sky": (Sky,)}
 _RELATIONS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below"}
 
 
 def read_scene_file(path: Path, later: float = 0.0, up: Up = "guess") -> Scene:
-    """The scene of a TOML file. Raises SceneError; warns with SceneWarning of triangles without area.
+    """Return the scene of a TOML file. Raises SceneError; warns with SceneWarning of triangles without area.
 
-    later : seconds that the camera's shutter opens and closes later than the file says
-    up    : of a file without a camera: the axis that is up, or "guess", which is that of its sky if it names one
+    later : seconds that are added to the shutter times of the file
+    up    : up axis of a file without a camera, or "guess", which takes the up axis of the sky if the sky names one
     """
     location = SourceLocation(str(path))
-    # Unlike Path.is_file, os.path.isfile says no where the name is too long; bash has a pipe for <(...).
+    # Unlike Path.is_file, os.path.isfile returns False if the name is too long. bash makes a pipe for <(...).
     if not (os.path.isfile(path) or (os.path.exists(path) and path.is_fifo())):
         raise location.error(
             "is a folder, not a scene file." if os.path.isdir(path) else "no such file.", _other_files(path)
@@ -74,10 +74,13 @@ def read_scene_file(path: Path, later: float = 0.0, up: Up = "guess") -> Scene:
 def scene_from_toml(
     content: bytes, location: SourceLocation, folder: Path, name: str, later: float = 0.0, up: Up = "guess"
 ) -> Scene:
-    """The scene of a scene file's content; `folder` and `name` as of `scene_from_dict`, `later` and `up` as of
-    `read_scene_file`. Raises SceneError."""
+    """Return the scene of a scene file's content. Raises SceneError.
+
+    folder, name : see `scene_from_dict`
+    later, up    : see `read_scene_file`
+    """
     try:
-        # As text is read: an end of line is "\n".
+        # Convert line ends to "\n", as text mode does.
         text = content.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         raise location.error(
@@ -85,13 +88,13 @@ def scene_from_toml(
         ) from error
     try:
         if _DEEP_KEY.search(text):
-            raise RecursionError  # before tomllib takes minutes for it
+            raise RecursionError  # because tomllib would take minutes
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _syntax_error(error, text, location) from error
     except RecursionError as error:
         raise _too_deep(location) from error
-    except ValueError as error:  # of an integer of thousands of digits
+    except ValueError as error:  # from an integer of thousands of digits
         raise location.error(f"cannot be read: {error}.", "A number needs no more than 17 digits.") from error
     if "camera" not in data:
         _check_no_camera_is_needed(data, location)
@@ -109,7 +112,7 @@ def scene_from_toml(
 
 
 def _check_no_camera_is_needed(data: Mapping[str, Any], location: SourceLocation) -> None:
-    """Raise SceneError where a scene file without a camera has what goes by the camera or by what is up in it."""
+    """Raise SceneError if a scene file without a camera has fields that depend on the camera or on its `up`."""
 
     def needs(field: SourceLocation, what: str, example: str) -> SceneError:
         return field.error(
@@ -133,14 +136,14 @@ def _check_no_camera_is_needed(data: Mapping[str, Any], location: SourceLocation
 def scene_from_dict(
     data: Mapping[str, Any], *, source: str = "scene", folder: Path | None = None, name: str | None = None
 ) -> Scene:
-    """The scene that a dictionary of the scene format describes; numpy arrays may stand for lists.
+    """Return the scene that a dictionary of the scene format describes; numpy arrays may replace lists.
 
     Parameters
     ----------
-    data   : what `tomllib` makes of a scene file
-    source : how errors and `Scene.source` name it
-    folder : where relative paths of mesh files start; the current folder without it
-    name   : the name of a scene which does not name itself; `source` without it
+    data   : dictionary as `tomllib` makes it from a scene file
+    source : name of the scene in errors and in `Scene.source`
+    folder : base folder of relative paths of mesh files; the current folder by default
+    name   : name of a scene that does not name itself; `source` by default
     """
     return scene_of(data, SourceLocation(source), folder or Path(), name or source)
 
@@ -148,7 +151,10 @@ def scene_from_dict(
 def scene_of(
     data: Mapping[str, Any], location: SourceLocation, folder: Path, name: str, later: float = 0.0
 ) -> Scene:
-    """See `scene_from_dict`; `location` is that of the whole dictionary, for errors."""
+    """Return the scene of a dictionary; see `scene_from_dict`, and `read_scene_file` for `later`.
+
+    location : location of the whole dictionary, for errors
+    """
     data, meshes = _without_meshes(data, location)
     try:
         plain = _plain(data)
@@ -173,13 +179,14 @@ def scene_of(
 def _without_meshes(
     data: Mapping[str, Any], location: SourceLocation
 ) -> tuple[Mapping[str, Any], dict[int, Mesh | Chunks]]:
-    """`data` without meshes that are arrays or objects and without streams, and these by the index of their shape.
+    """Return `data` without streams and without meshes that are arrays or objects, and both of these by shape.
 
-    A million faces as lists would take a minute and a gigabyte.
+    The second result has the index of the shape as its key. A million faces as lists would take a minute and a
+    gigabyte.
     """
     if not isinstance(data.get("shapes"), list | tuple):
         return data, {}
-    known: dict[int, Mesh] = {}  # of trimesh, by identity: instances share a mesh
+    known: dict[int, Mesh] = {}  # meshes of trimesh by id(), so that instances share a mesh
     meshes: dict[int, Mesh | Chunks] = {}
     shapes = []
     for index, shape in enumerate(data["shapes"]):
@@ -197,7 +204,7 @@ def _without_meshes(
 
 
 def _plain(value: Any, depth: int = 0) -> Any:
-    """`value` with numpy and tuples made lists. Raises RecursionError beyond what any scene has."""
+    """Return `value` with numpy arrays and tuples as lists. Raises RecursionError if it is nested too deeply."""
     if depth > _DEEPEST:
         raise RecursionError
     if isinstance(value, np.ndarray | np.generic):
@@ -210,7 +217,7 @@ def _plain(value: Any, depth: int = 0) -> Any:
 
 
 def _unusable(value: Any) -> list[str | int] | None:
-    """The keys that lead to the first number which is NaN, infinite or beyond what the GPU holds."""
+    """Return the keys that lead to the first number that is NaN, infinite or too large for the GPU, or None."""
     if isinstance(value, float | int):
         return None if abs(value) <= LARGEST else []
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
@@ -222,7 +229,7 @@ def _unusable(value: Any) -> list[str | int] | None:
 
 
 def _name_default_types(data: Any) -> None:
-    """A material without a type is diffuse, a camera perspective; msgspec has no default among several types."""
+    """Make materials without a type diffuse and cameras perspective; msgspec has no default type in a union."""
     camera = data.get("camera")
     if isinstance(camera, dict):
         camera.setdefault("type", "perspective")
@@ -263,7 +270,7 @@ def _other_files(path: Path) -> str:
 
 
 def _explained(error: msgspec.ValidationError, kind: Any, data: Any, location: SourceLocation) -> SceneError:
-    """The SceneError for a failed conversion of `data`, which stands at `location`, to the type `kind`."""
+    """Return the SceneError for a failed conversion of `data` at `location` to the type `kind`."""
     text, _, path = str(error).partition(" - at `$")
     keys = re.findall(r"\.(\w+)|\[(\d+|\.\.\.)\]", path)
     declared: Any = inspect.type_info(kind)
@@ -318,7 +325,7 @@ def _in_words(
 
 
 def _instead_of(name: str, declared: Any, allowed: Sequence[str]) -> str:
-    """The remedy for an unknown field: its name here, or the type that has it."""
+    """Return the remedy for an unknown field: its name in this format, or the type or table that has it."""
     if name.lower() in _LIGHT and "reflectance" in allowed:
         return "Light is of shapes: emission = { radiance = [r, g, b] } in a [[shapes]] table."
     if meant := meant_by(name, allowed):
@@ -340,7 +347,7 @@ def _instead_of(name: str, declared: Any, allowed: Sequence[str]) -> str:
 
 
 def _first_bad_entry(table: Any, data: Any, location: SourceLocation) -> SceneError:
-    """The error of the first value of a table (of materials, of textures) that does not convert to its type."""
+    """Return the error of the first value of a table, of materials or of textures, that fails to convert."""
     each = _meant(table, data).value_type
     kind = str if isinstance(each, inspect.StrType) else functools.reduce(operator.or_, (m.cls for m in each.types))
     for name, value in data.items():
@@ -352,7 +359,7 @@ def _first_bad_entry(table: Any, data: Any, location: SourceLocation) -> SceneEr
 
 
 def _meant(declared: Any, data: Any) -> Any:
-    """The declared type without its metadata; of a union the member that `data` was meant to be."""
+    """Return the declared type without its metadata; for a union, the member that `data` was intended for."""
     while isinstance(declared, inspect.Metadata):
         declared = declared.type
     if not isinstance(declared, inspect.UnionType):

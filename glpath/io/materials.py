@@ -1,7 +1,7 @@
-"""The materials of a scene file, and their textures: pictures in files [imageio, OpenEXR] and checkers.
+"""Materials of a scene file, and their textures: pictures in files [imageio, OpenEXR] and checkers.
 
-Image files are read as they are, without their rotation tags and colour profiles; with the transparency of a PNG
-where a material's alpha is "mask" or "blend".
+Rotation tags and colour profiles of image files are ignored. The transparency of a PNG is used if a material's
+alpha is "mask" or "blend", or if a slot of the material reads alpha.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _COLOURS = (
     "diffuse_transmission_color_texture",
     "sheen_texture",
 )
-# Fields of [materials.NAME] that `Material` has by another name.
+# Fields of [materials.NAME], with the different names that they have in `Material`.
 _RENAMED = {
     "specular": "specular_weight",
     "specular_color": "specular_colour",
@@ -53,7 +53,7 @@ _RENAMED = {
 _GIVEN = {target: field for field, target in _RENAMED.items()}
 _NO_COLOURS = tuple(name for name in (_GIVEN.get(slot, slot) for slot in SLOTS) if name not in _COLOURS)
 _ALPHA = ("specular_texture", "diffuse_transmission_texture", "sheen_roughness_texture")
-# Its colours that may be above 1.
+# Colours of principled materials that may be above 1.
 _ABOVE_ONE = ("specular_color", "attenuation")
 FORMATS = (".png", ".jpg", ".jpeg", ".exr")
 
@@ -61,7 +61,7 @@ FORMATS = (".png", ".jpg", ".jpeg", ".exr")
 def materials(
     given: Mapping[str, AnyMaterial], texture_number: Mapping[str, int], location: SourceLocation
 ) -> tuple[Material, ...]:
-    """The materials of the file; `location` is their table's. Raises SceneError."""
+    """Return the materials of the table at `location`. Raises SceneError."""
     return tuple(_material(name, each, texture_number, location.field(name)) for name, each in given.items())
 
 
@@ -165,7 +165,12 @@ def _slot(
 
 
 class _Use(NamedTuple):
-    """Uses of a texture by materials: its alpha; colours; light alone."""
+    """Uses of a texture by materials.
+
+    alpha  : True if its alpha is used
+    colour : True if its values are colours
+    shines : True if it is used for emission and not as the main texture
+    """
 
     alpha: bool
     colour: bool
@@ -179,12 +184,11 @@ def textures(
     folder: Path,
     heights: Collection[str] = (),
 ) -> tuple[Texture, ...]:
-    """The textures of the file; `location` is their table's, `folder` the base of relative paths.
+    """Return the textures of the table at `location`. Raises SceneError.
 
-    Raises SceneError.
-
-    used_by : materials by name: those that look through alpha, and those that read what is no colour
-    heights : names of those that displace surfaces
+    used_by : materials by name; they decide if the alpha of a texture is used, and if its values are colours
+    folder  : base folder of relative paths
+    heights : names of the textures that displace surfaces
     """
     alpha = {m.texture for m in used_by.values() if m.alpha != "opaque"}
     alpha |= {getattr(m, slot, UNSET) for m in used_by.values() for slot in _ALPHA}
@@ -232,9 +236,10 @@ def _as_stored(path: Path, colours: bool) -> Float64 | NDArray[np.uint8]:
 
 
 def _picture(path: Path, location: SourceLocation, use: _Use) -> NDArray[np.float32] | NDArray[np.uint8]:
-    """(h, w, 3) or, with alpha, (h, w, 4): uint8 of 8 bits as they are, of others float32, linear Rec. 709.
+    """Return the pixels of an image, (h, w, 3) or with alpha (h, w, 4); row 0 is the top.
 
-    Row 0 is the top. A texture that `shines` may be above 1. Raises SceneError; warns of what it clips.
+    8-bit images stay uint8 as stored; others become float32, linear Rec. 709. Values of a texture that `shines` may
+    be above 1. Raises SceneError; warns of clipped values.
     """
     read = partial(_as_stored, colours=use.colour)
     stored = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, read)

@@ -1,4 +1,4 @@
-"""Files of meshes as models: a shape for each material of an OBJ and its MTL, with textures and colours."""
+"""Models from mesh files: a shape for each material of an OBJ and its MTL, with textures and colours."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _GREY = Surface(Material("default", np.full(3, 0.5)), np.zeros(3))
 
 
 def read_mesh_model(path: Path, location: SourceLocation) -> Model:
-    """The model of a file of `meshes.FORMATS`; `location` is where it is named. Raises SceneError as `read_mesh`.
+    """Return the model of a file of `meshes.FORMATS` that is named at `location`.
 
-    Warns of triangles without area.
+    Raises SceneError as `read_mesh` does. Warns of triangles without area.
     """
     file = read_mesh_file(path, location, colours=True)
     return _Reader(path, location, file).model()
@@ -41,13 +41,13 @@ class _Reader:
     location: SourceLocation
     file: MeshFile
     surfaces: list[Surface] = field(default_factory=list)
-    numbers: dict[int, int] = field(default_factory=dict)  # of surfaces, by identity
+    numbers: dict[int, int] = field(default_factory=dict)  # index of each surface, by id()
     textures: list[Texture] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
-        """Name of the model: that of its file."""
+        """Name of the model: the file name without its suffix."""
         return encodable(self.path.stem)
 
     def model(self) -> Model:
@@ -107,7 +107,7 @@ class _Reader:
         return index
 
     def _with_coordinates(self, surface: Surface, mesh: Mesh) -> Surface:
-        """Without textures if the mesh has no coordinates for them."""
+        """Return the surface, without its textures if the mesh has no texture coordinates."""
         if not surface.material.slots:
             return surface
         if mesh.uv is not None:
@@ -119,12 +119,12 @@ class _Reader:
         return replace(surface, material=material)
 
     def _plain(self, mesh: Mesh) -> tuple[Mesh, Surface]:
-        """A mesh without a material is grey, or has its colours, or the texture of a PLY."""
+        """Return a mesh without a material, and its surface: the texture of a PLY, the mesh's colours, or grey."""
         textures = self.file.ply.textures if self.file.ply is not None else ()
         if len(textures) > 1:
             self.notes[f"Textures but the first of {len(textures)}."] = None
         if textures:
-            # Colours beside a texture are the same again, as scanners' programs write them.
+            # Colours beside a texture repeat it in files of scanning programs, so they are dropped.
             return replace(mesh, colours=None), self._with_coordinates(self._textured(textures[0]), mesh)
         if mesh.colours is None:
             return mesh, _GREY

@@ -1,8 +1,8 @@
 """Meshes: inline vertices and faces, objects of trimesh, and files of `FORMATS`.
 
-Of a mesh that is a shape of a scene, the geometry, the texture coordinates and normals of vertices are used; the
-materials, colours and pictures in its file are not (`mesh_models` uses them), which a SceneWarning says. No normals
-are made up where it has none.
+A shape of a scene uses the geometry, the texture coordinates and the vertex normals of its mesh file. It does not
+use the materials, colours and pictures in the file, and a SceneWarning reports this; `mesh_models` uses them.
+Missing normals are not computed.
 """
 
 from __future__ import annotations
@@ -35,16 +35,19 @@ from glpath.system.files import read_bytes
 from glpath.system.private_interfaces import given_trimesh_normals
 
 FORMATS = (".obj", ".ply", ".stl", ".off")
-#: The same for a reader.
+#: Names of the formats for messages: "OBJ, PLY, STL or OFF".
 NAMES = " or ".join(", ".join(suffix[1:].upper() for suffix in FORMATS).rsplit(", ", 1))
-#: Keys of the geometry of a mesh in a dictionary.
+#: Keys of a dictionary that hold the geometry of a mesh.
 MESH_KEYS = ("mesh", "vertices", "faces", "uv")
 
 
 def inline_mesh(
     vertices: list[tuple[float, float, float]], faces: list[list[int]], location: SourceLocation
 ) -> Mesh:
-    """The mesh of vertices, and faces of three or more of them; `location` is the shape's. Raises SceneError."""
+    """Return the mesh of vertices and of faces with three or more corners. Raises SceneError.
+
+    location : location of the shape
+    """
     for name, given in (("vertices", vertices), ("faces", faces)):
         if not given:
             raise location.field(name).error("is empty, but a mesh needs three vertices and one face.")
@@ -59,10 +62,10 @@ def inline_mesh(
 
 
 def mesh_of_table(table: Mapping[str, Any], location: SourceLocation, known: dict[int, Mesh]) -> Mesh | None:
-    """The mesh of a shape's table where it is an object or arrays; None where it is described by plain values.
+    """Return the mesh of a shape's table if it is an object or arrays; None if plain values describe it.
 
-    location : the shape's
-    known : meshes of trimesh's, by identity, which grows
+    location : location of the shape
+    known    : cache of trimesh meshes by id(), which grows
     """
     if table.get("type", "mesh") != "mesh":
         return None
@@ -95,7 +98,10 @@ def mesh_of_table(table: Mapping[str, Any], location: SourceLocation, known: dic
 
 
 def mesh_of_trimesh(mesh: Any, location: SourceLocation) -> Mesh:
-    """Its triangles, with texture coordinates and vertex normals where it has them; none are made up."""
+    """Return the triangles of a trimesh mesh, with its texture coordinates and vertex normals if it has them.
+
+    Missing normals are not computed.
+    """
     uv = _of_each(getattr(mesh.visual, "uv", None), mesh, 2)
     made = mesh_of_arrays(np.asarray(mesh.vertices), np.asarray(mesh.faces), uv, location)
     normals = _of_each(given_trimesh_normals(mesh), mesh, 3)
@@ -110,9 +116,11 @@ def mesh_of_trimesh(mesh: Any, location: SourceLocation) -> Mesh:
 def mesh_of_arrays(
     vertices: NDArray[Any], faces: NDArray[Any], uv: NDArray[Any] | None, location: SourceLocation
 ) -> Mesh:
-    """The mesh of vertices (V, 3), faces (F, 3) or (F, 4), texture coordinates (V, 2). Raises SceneError.
+    """Return the mesh of vertices (V, 3), faces (F, 3) or (F, 4), and texture coordinates (V, 2).
 
-    `location` is the shape's.
+    location : location of the shape
+
+    Raises SceneError.
     """
     numbers, whole = "numbers", "whole numbers"
     for name, array, columns, kinds, what in (
@@ -154,10 +162,12 @@ def mesh_of_arrays(
 
 
 def read_mesh(path: Path, location: SourceLocation) -> Mesh:
-    """The mesh of a file, with texture coordinates where the file has them for all faces, and so with normals.
+    """Return the mesh of a file, with texture coordinates and normals if the file has them for all faces.
 
-    `location` is where the scene names the file. Raises SceneError for a file that is missing, of another format,
-    broken, without triangles, or whose faces name vertices it does not have. Warns of colours and materials in it.
+    location : location in the scene that names the file
+
+    Raises SceneError for a file that is missing, of another format, broken, without triangles, or with faces that
+    name vertices it does not have. Warns of colours and materials in it.
     """
     file = read_mesh_file(path, location, colours=False)
     _warn_of_what_is_dropped(path, file)
@@ -166,12 +176,12 @@ def read_mesh(path: Path, location: SourceLocation) -> Mesh:
 
 
 def has_uv_gaps(mesh: Mesh) -> bool:
-    """True if some vertices of a mesh have no texture coordinates, which are NaN, though others have."""
+    """Return True if some vertices of a mesh have no texture coordinates, which are then NaN, but others have."""
     return mesh.uv is not None and bool(np.isnan(mesh.uv).any())
 
 
 def without_uv_gaps(mesh: Mesh) -> Mesh:
-    """The mesh with the first texel of pictures, (0, 1), for vertices without texture coordinates."""
+    """Return the mesh with (0, 1), the first texel of pictures, for vertices without texture coordinates."""
     if mesh.uv is None or not has_uv_gaps(mesh):
         return mesh
     return replace(mesh, uv=np.where(np.isnan(mesh.uv), (0.0, 1.0), mesh.uv))
@@ -179,14 +189,14 @@ def without_uv_gaps(mesh: Mesh) -> Mesh:
 
 @dataclass(frozen=True)
 class MeshFile:
-    """Meshes of a file, in the order in which it first uses their materials.
+    """Meshes of a file, in the order in which the file first uses their materials.
 
-    meshes    : each with faces, and with its colours, if these are wanted; texture coordinates may have gaps
-    materials : number of each mesh's material in an OBJ, or -1
-    obj       : the contents of an OBJ file
-    ply       : the contents of a PLY file
-    coloured  : "vertex colours", "face colours", "colours", or "" if it has none
-    single    : its vertices are numbers of 32 bits
+    meshes    : meshes with faces, and with colours if these are requested; texture coordinates may have gaps
+    materials : index of each mesh's material in an OBJ, or -1
+    obj       : contents of an OBJ file
+    ply       : contents of a PLY file
+    coloured  : "vertex colours", "face colours", "colours", or "" if the file has none
+    single    : True if vertices are 32-bit numbers
     """
 
     meshes: list[Mesh]
@@ -198,15 +208,15 @@ class MeshFile:
 
 
 def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> MeshFile:
-    """Return the contents of a file. `location` and errors as of `read_mesh`.
+    """Return the contents of a file. `location` and errors are those of `read_mesh`.
 
-    colours : colours are used, and points and lines of files without faces are drawn
+    colours : True if colours are used, and if points and lines of files without faces are drawn
     """
     if path.suffix.lower() not in FORMATS:
         raise location.wrong(
             str(path), f"a mesh file that ends in {', '.join(FORMATS)}", "Convert the mesh, e.g. in Blender."
         )
-    if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
+    if not os.path.isfile(path):  # unlike Path.is_file, returns False if the name is too long
         raise location.error(
             f"names the mesh file {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
             nearby_files("Mesh files", path, FORMATS),
@@ -215,7 +225,7 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
         file = _parse(path, colours)
     except (SceneError, SceneWarning):
         raise
-    except Exception as error:  # whatever parsers run into in a damaged file
+    except Exception as error:  # parsers may raise anything for a damaged file
         kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
         reason = f"{kind}{error}".rstrip(" .!")
         raise location.error(
@@ -238,12 +248,12 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
 
 
 def which(path: Path, location: SourceLocation) -> str:
-    """How a sentence about a file begins where `location` names it: with its name, but not of a model alone."""
+    """Return the beginning of a sentence about a file: its name, or empty if `location` is the file itself."""
     return "" if location == SourceLocation(str(path)) else f"names {path}, which "
 
 
 def _of_each(values: Any, mesh: Any, width: int) -> Float64 | None:
-    """(V, width) of a mesh's vertices; None where they are not of all."""
+    """Return values as (V, width); None unless all vertices of the mesh have them."""
     if values is None or np.shape(values) != (len(mesh.vertices), width):
         return None
     return np.array(values, np.float64)
@@ -293,7 +303,10 @@ def _obj(plain: obj.ObjFile, path: Path, colours: bool) -> MeshFile:
 
 
 def _strokes(path: Path, points: Float64, lines: NDArray[Any], colours: Float64 | None) -> list[Mesh]:
-    """The lines of a file without faces as a mesh of rods, else its vertices as balls; with their colours."""
+    """Return a mesh of rods for the lines of a file without faces, or else of balls for its points.
+
+    colours : (N, 4) colours of the points, which the mesh gets; None without
+    """
     is_finite = np.asarray(np.isfinite(points).all(axis=1))
     if not is_finite.any():
         return []
@@ -315,7 +328,7 @@ def _strokes(path: Path, points: Float64, lines: NDArray[Any], colours: Float64 
 
 
 def _ply(content: bytes, path: Path, colours: bool) -> MeshFile:
-    """Return a PLY file. If colours are used, one without faces becomes rods along its edges, or balls."""
+    """Return the contents of a PLY. If colours are used, a file without faces becomes rods along edges or balls."""
     header = read_header(content)
     if not colours and not header.count("face", "tristrips"):
         return MeshFile([])

@@ -1,6 +1,6 @@
-"""Model files: shapes with materials and textures of their own, and lights and cameras where the format has them.
+"""Model files: shapes with their own materials and textures, and lights and cameras if the format has them.
 
-A model becomes a scene of its own (`scene_of_model`) or a part of one (`assets`).
+A model becomes a scene (`scene_of_model`) or a part of one (`assets`).
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def read_gltf_as_asked(
         Meta(description="absent, as in viewers, or black: of materials that are not doubleSided"),
     ] = "absent",
 ) -> Model:
-    """The model of a .gltf or .glb by parameters that users give; see `load_scene`."""
+    """Return the model of a .gltf or .glb with the parameters that users give; see `load_scene`."""
     wanted: int | str | None = None if camera in ("first", "none") else camera
     if isinstance(wanted, str) and wanted.isdecimal():
         wanted = int(wanted)
@@ -95,14 +95,14 @@ def read_gltf_as_asked(
 
 
 def read_mesh_model_as_asked(path: Path, *, up: Up = "guess") -> Scene:
-    """The scene of a file of `MESH_FORMATS` by parameters that users give; see `load_scene`."""
+    """Return the scene of a file of `MESH_FORMATS` with the parameters that users give; see `load_scene`."""
     return scene_of_model(read_mesh_model(path, SourceLocation(str(path))), up=up)
 
 
 def read_model(path: Path, location: SourceLocation, time: float | None = None, shutter: float = 0.0) -> Model:
-    """The model of a file of one of `FORMATS`; `location` is where it is named. Raises SceneError.
+    """Return the model of a file of `FORMATS` that is named at `location`. Raises SceneError.
 
-    time, shutter : as of `read_gltf`
+    time, shutter : see `read_gltf`
     """
     if path.suffix.lower() in GLTF_FORMATS:
         return read_gltf(path, time=time, shutter=shutter)
@@ -110,7 +110,7 @@ def read_model(path: Path, location: SourceLocation, time: float | None = None, 
 
 
 def gltf_cameras(path: Path) -> tuple[str, ...]:
-    """The names of the cameras that the parameter `camera` chooses from, in order. Raises SceneError."""
+    """Return the names of the cameras from which the parameter `camera` chooses, in order. Raises SceneError."""
     document = read_document(path)
     nodes = Nodes.of(document, {})
     found = (camera_of(document, nodes.tables[index], nodes.world[index]) for index in nodes.drawn)
@@ -118,20 +118,22 @@ def gltf_cameras(path: Path) -> tuple[str, ...]:
 
 
 def gltf_animations(path: Path) -> tuple[tuple[str, float], ...]:
-    """The name and the seconds of each animation. Raises SceneError."""
+    """Return the name and the length in seconds of each animation. Raises SceneError."""
     document = read_document(path)
     return tuple(zip(animation_names(document), animation_lengths(document, Accessors(document)), strict=True))
 
 
 def gltf_variants(path: Path) -> tuple[str, ...]:
-    """The names of the variants of materials. Raises SceneError."""
+    """Return the names of the material variants. Raises SceneError."""
     return variant_names(read_document(path))
 
 
 def scene_of_model(model: Model, up: Up = "y") -> Scene:
-    """A model as a scene, with what it lacks. Raises SceneError; warns of what is added and what is not used.
+    """Return a model as a scene, with missing parts added.
 
-    up : of a model without a camera: the axis that is up, or "guess"
+    up : up axis of a model without a camera, or "guess"
+
+    Raises SceneError; warns of added parts and of parts that are not used.
     """
     location = SourceLocation(model.source)
     if not model.shapes:
@@ -156,7 +158,7 @@ def scene_of_model(model: Model, up: Up = "y") -> Scene:
 
 
 def _camera(given: ModelCamera) -> Camera:
-    """With a resolution: the longer side as that of `RESOLUTION`, the other by the aspect."""
+    """Return the camera with a resolution: the longer side of `RESOLUTION`, and the other side from the aspect."""
     longest = max(RESOLUTION)
     aspect = given.aspect or 1.0
     width, height = (longest, longest / aspect) if aspect >= 1 else (longest * aspect, longest)

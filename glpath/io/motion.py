@@ -1,4 +1,4 @@
-"""Keys of a scene file, where a camera or a shape moves."""
+"""Motion keys of cameras and shapes in a scene file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from glpath.scene.source_location import SourceLocation
 
 
 def camera_keys(given: description.View) -> tuple[CameraKey, ...]:
-    """The keys of a camera; `check_camera` judges them."""
+    """Return the motion keys of a camera; `check_camera` checks them."""
 
     def of(key: description.CameraKey, name: str) -> Float64:
         own = getattr(key, name)
@@ -28,9 +28,11 @@ def camera_keys(given: description.View) -> tuple[CameraKey, ...]:
 
 
 def motion_of(keys: Sequence[description.Key], placed: Float64, location: SourceLocation) -> Motion | None:
-    """The motion of what stands at `placed` (N, 3, 4); None without keys. `location` is that of the list.
+    """Return the motion of an object whose own transforms are `placed` (N, 3, 4); None without keys.
 
-    Raises SceneError for keys that are not in order, that mirror or that lead too far away.
+    location : location of the list of keys
+
+    Raises SceneError for keys that are not in order, that mirror, or that lead too far away.
     """
     if not keys:
         return None

@@ -1,18 +1,19 @@
-"""MTL: the materials of OBJ files, as surfaces of microfacets, with their textures.
+"""MTL files: materials of OBJ files as microfacet surfaces, with their textures.
 
-Colours are linear, as Blender writes them. What the statements become:
+Colours are linear, as Blender writes them. The statements are translated as follows:
 
-    Kd map_Kd             reflectance and its texture. Kd of 0 beside a texture is 1, and so is Ke. Kd from 0 to 255
-                          is divided by 255, and so are the other colours of the file
-    Ks Ns                 gloss, see `phong`; with illum 3, 5 and 8 a mirror's
-    Pr Pm Pc Pcr aniso    roughness, metal, clearcoat, tangent, instead of Ks and Ns; map_Pr and map_Pm multiply
+    Kd map_Kd             reflectance and its texture. Kd of 0 with a texture counts as 1, and so does Ke. If Kd is
+                          from 0 to 255, it is divided by 255, and so are other colours of the file above 1
+    Ks Ns                 gloss, see `phong`; that of a mirror with illum 3, 5 and 8
+    Pr Pm Pc Pcr aniso    roughness, metallic, clearcoat and its roughness, anisotropy. Pr, Pm and their maps
+                          replace Ks and Ns; map_Pr and map_Pm multiply
     d, or Tr, map_d       opacity, blended; a surface of opacity 0 is taken for opaque, with a note
-    illum 6, 7            glass of index Ni and colour Tf, which refracts. Sharp, as in the ray tracers that these
-                          were made for
+    illum 6, 7            glass of index Ni and colour Tf, which refracts. It is smooth, as in the ray tracers for
+                          which these modes were made
     illum 4, 9            the same without refraction, but only if d < 1 or Tf is neither 0 nor 1: Maya writes
                           illum 4 and Tf 1 for opaque paint
     Ke map_Ke             emission, W sr^-1 m^-2
-    norm, map_Bump        normal map; a grey map_Bump is one of heights, which is not used
+    norm, map_Bump        normal map; a grey map_Bump is a height map, which is not used
 
 Source: Wavefront, MTL material format (1995); the PBR extension of tinyobjloader and Blender.
 """
@@ -37,10 +38,10 @@ from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.system.files import read_bytes, reason_of
 from glpath.system.numerals import real
 
-#: In one material library.
+#: Maximum size of a material library in bytes.
 MAX_BYTES = 2**28
 _SHORT = {"bump": "map_bump", "map_normal": "norm", "map_kn": "norm", "map_tr": "map_d"}
-# How many words follow an option of a texture; -o, -s and -t have one to three numbers.
+# Number of words after each option of a texture; -o, -s and -t have one to three numbers instead.
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2, "-texres": 1}
 _OPTIONS |= {"-bm": 1, "-type": 1}
 _TRAILING_OPTIONS = re.compile(
@@ -48,7 +49,7 @@ _TRAILING_OPTIONS = re.compile(
     r"|(?:blend[uv]|cc|clamp)[ \t]{1,8}o(?:n|ff)|(?:imfchan|type)[ \t]{1,8}\w+)){1,16}$",
     re.IGNORECASE,
 )
-# Numbers of Kd up to this one are fractions, which some write a little above 1.
+# Maximum Kd that counts as a fraction; some programs write fractions a little above 1.
 _MAX_FRACTION = 2.0
 _UNUSED_MAPS = ("map_ks", "map_ns", "map_ps", "map_pc", "map_pcr", "disp", "decal", "refl")
 _MIRRORS, _GLASS, _REFRACTS = (3, 5, 8), (4, 6, 7, 9), (6, 7)
@@ -56,7 +57,7 @@ _MIRRORS, _GLASS, _REFRACTS = (3, 5, 8), (4, 6, 7, 9), (6, 7)
 
 @dataclass(frozen=True)
 class _Map:
-    """A texture that a statement names. `matrix` (2, 3) takes texture coordinates to those that are looked up."""
+    """Texture that a statement names. `matrix` (2, 3) maps texture coordinates to lookup coordinates."""
 
     image: Image
     name: str
@@ -68,10 +69,10 @@ class _Map:
 
 @dataclass
 class Library:
-    """The materials that an OBJ file names, made when they are asked for.
+    """Materials that an OBJ file names, made on request.
 
-    notes    : what is not used of them, as sentences
-    pictures : their textures; its `files` have notes of their own
+    notes    : parts of the materials that are not used, as sentences
+    pictures : textures of the materials; its `files` has notes of its own
     """
 
     folder: Path
@@ -86,7 +87,7 @@ class Library:
         self.pictures = Pictures(self.folder)
 
     def add(self, name: str) -> None:
-        """Read the MTL file of that name in the folder, or the files, if `name` lists several."""
+        """Read the MTL file `name` in the folder, or several files if `name` lists several."""
         try:
             spelt_file(self.folder, name)
             names = [name]
@@ -110,7 +111,7 @@ class Library:
         for _, words in statements(decoded(content)):
             keyword, values = words[0].lower(), words[1:]
             if keyword == "newmtl":
-                # As others do, the first of a name counts.
+                # Materials of one name share an entry: later statements add to it or replace earlier ones.
                 defined = " ".join(" ".join(values).split())
                 written = self._written.setdefault(defined, {})
                 self._commented.setdefault(without_comment(defined), written)
@@ -120,7 +121,7 @@ class Library:
         self._divide_bytes(materials.values())
 
     def surface(self, name: str) -> Surface | None:
-        """The surface of that name; None where no file has it, which is noted."""
+        """Return the surface of that name; None, with a note, if no file defines it."""
         for names, each in ((self._written, name), (self._written, without_comment(name)), (self._commented, name)):
             if each in names:
                 return _Reader(self, name, names[each]).surface()
@@ -128,7 +129,7 @@ class Library:
         return None
 
     def _divide_bytes(self, materials: Collection[dict[str, list[str]]]) -> None:
-        """Divide the colours of a file by 255 if Kd has numbers from 0 to 255, which is noted."""
+        """Divide the colours of a file by 255, with a note, if its Kd values are from 0 to 255."""
         for keyword in ("kd", "ks", "ke", "tf"):
             rows = [each[keyword] for each in materials if all(map(_is_number, each.get(keyword, ["none"])))]
             numbers = np.array([real(word) for row in rows for word in row])
@@ -142,7 +143,7 @@ class Library:
                     row[:] = [repr(real(word) / 255) for word in row]
 
     def slot(self, key: tuple[object, ...], image: Image, given: _Map, srgb: bool) -> TextureSlot:
-        """Where an image is used; one of the same `key` is kept once."""
+        """Return the texture slot of an image; images of the same `key` are stored once."""
         wrap: Literal["clamp", "repeat"] = "clamp" if given.clamped else "repeat"
         key = (*key, srgb, wrap)
         if key not in self._numbers:
@@ -184,7 +185,7 @@ class _Reader:
             fields |= glass
             opacity = 1.0
         elif opacity == 0:
-            # Some programs write transparency as d. An invisible surface is never meant.
+            # Some programs write transparency as d, and an invisible surface is never intended.
             self.library.notes["d of 0, by which a surface would not be there: it is opaque."] = None
             opacity = 1.0
         texture = self._base_slot(base, alpha)
@@ -217,7 +218,7 @@ class _Reader:
         if given is not None:
             size = given.image.shape[:2]
             white = np.full(size, 255, np.uint8)
-            # As glTF has them: roughness in green, metal in blue.
+            # Channels as in glTF: roughness in green, metallic in blue.
             channels = [white, *(white if each is None else resized(_grey(each), size) for each in (rough, metal))]
             self._same_slot(rough, metal, "map_Pr and map_Pm")
             key = ("surface", *(None if each is None else (each.name, each.channel) for each in (rough, metal)))
@@ -230,13 +231,13 @@ class _Reader:
             return _number(values[0], 1.0)
         transparency = self._number("tr", 0.0)
         if transparency == 1:
-            # Some programs write opacity as Tr. An invisible surface is never meant.
+            # Some programs write opacity as Tr, and an invisible surface is never intended.
             self.library.notes["Tr of 1 without d, by which a surface would not be there: it is opaque."] = None
             return 1.0
         return 1.0 - transparency
 
     def _glass(self, illum: int, opacity: float) -> dict[str, Any]:
-        """Fields of a material that light goes through; empty for others."""
+        """Return the fields of a material that transmits light; empty for other materials."""
         if illum not in _GLASS:
             return {}
         passes = self._colour("tf", 0.0)
@@ -254,7 +255,7 @@ class _Reader:
         }
 
     def _base_slot(self, base: _Map | None, alpha: _Map | None) -> TextureSlot | None:
-        """The texture of colours, with alpha from `map_d`; without `map_d` there is none."""
+        """Return the slot of the colour texture. Its alpha comes from `map_d` alone."""
         if base is None and alpha is None:
             return None
         if alpha is None:
@@ -324,17 +325,17 @@ class _Reader:
         return _Map(image, name, matrix, clamped, channel, multiplier)
 
     def _tint(self, keyword: str, default: float, *, limited: bool = True) -> Float64:
-        """Return the colour that multiplies a texture; instead of 0 the default, which is noted."""
+        """Return the colour of a keyword. If it is 0 beside a texture, return the default instead, with a note."""
         colour = self._colour(keyword, default, limited=limited)
         name = keyword.capitalize()
         if colour.any() or not default or f"map_{keyword}" not in self.written:
             return colour
-        # Maya writes Kd 0 0 0 for what a texture replaces.
+        # Maya writes Kd 0 0 0 if a texture replaces the colour.
         self.library.notes[f"{name} of 0 beside map_{name}, by which the texture would be black."] = None
         return np.full(3, default)
 
     def _colour(self, keyword: str, default: float, *, limited: bool = True) -> Float64:
-        """(3,) of one number or three; spectra and CIE XYZ are noted, and the default is taken."""
+        """Return the (3,) colour of one number or three. Spectra and CIE XYZ give the default, with a note."""
         words = self.written.get(keyword, [])
         if not words:
             return np.full(3, default)
@@ -350,7 +351,7 @@ class _Reader:
         return self._value(keyword, words[0], default) if words else default
 
     def _value(self, keyword: str, word: str, default: float) -> float:
-        """Return the number of a word; the default, which is noted, for a word that is not a finite number."""
+        """Return the number of a word; the default, with a note, if the word is not a finite number."""
         if not _is_number(word):
             self.library.notes[f'"{keyword} {word[:40]}" of "{self.name}", which is not a finite number.'] = None
         return _number(word, default)
@@ -360,7 +361,7 @@ class _Reader:
 
 
 def _with_options_first(text: str) -> str:
-    """Return the values of a texture's statement with the options before the name, behind which some write them."""
+    """Return the values of a texture statement, with options moved before the name if they are after it."""
     trailing = _TRAILING_OPTIONS.search(text)
     return text if trailing is None else f"{trailing[0].strip()} {text[: trailing.start()]}"
 
@@ -373,7 +374,7 @@ def _is_number(word: str) -> bool:
 
 
 def _number(word: str, default: float) -> float:
-    """A number that 32 bits hold; the default for what is none."""
+    """Return the number of a word, clamped to ±1e15 for 32 bits; the default if it is not a finite number."""
     return float(np.clip(real(word), -1e15, 1e15)) if _is_number(word) else default
 
 
@@ -386,7 +387,7 @@ def _bytes(image: Image) -> NDArray[np.uint8]:
 
 
 def _grey(given: _Map) -> NDArray[np.uint8]:
-    """(h, w): the channel that it names, or the mean of its colours."""
+    """Return (h, w): the channel that the map names, or the mean of its colours."""
     image = _bytes(given.image)
     channels: Iterable[str] = "rgbm"
     if given.channel in tuple(channels) and given.channel != "l":
@@ -397,7 +398,7 @@ def _grey(given: _Map) -> NDArray[np.uint8]:
 
 
 def _alpha(given: _Map) -> NDArray[np.uint8]:
-    """(h, w): the alpha of a picture that has one, or how light it is."""
+    """Return (h, w): the alpha of an image if it has one, or else its grey values."""
     image = _bytes(given.image)
     if given.channel is None and image.shape[2] == 4:
         return np.ascontiguousarray(image[..., 3])

@@ -1,7 +1,7 @@
-"""Files that a model names, such as pictures: where they are, and notes on those that are elsewhere.
+"""Search for files that a model names, such as pictures, with notes on those found elsewhere or not at all.
 
-Models travel: names are written in another case, with backslashes, or as paths of another machine, with quotes,
-with accents as letters of their own, and in the encoding of another country.
+Models move between machines. Their names may have another case, backslashes, quotes, paths of another machine,
+accents as separate letters, or the encoding of another country.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from pathlib import Path
 
 from glpath.system.files import reason_of
 
-# Folders of a model, and folders of a name, in which a file is looked for.
+# Maximum number of subfolders that are searched, and of trailing parts of a path that are tried.
 _MAX_FOLDERS, _MAX_PARTS = 100, 8
-# Encodings of names that are not UTF-8, beside Latin-1, as which they are read.
+# Encodings that are tried for names that are not UTF-8. Such names are read as Latin-1 first.
 _ENCODINGS = ("gb18030", "cp932", "big5", "cp949", "cp1250", "cp1251", "cp1252")
-# Letters of names that a system may have.
+# Maximum length of a path on common systems; longer names are not tried in other spellings.
 _MAX_NAME = 4096
-# Files that a note lists, and letters of each.
+# Maximum number of files that a note lists, and maximum length of each name.
 _LISTED, _LONGEST = 10, 120
 
 
 class UnusableError(Exception):
-    """Why a file that a model names is not used, as the rest of a sentence: "which does not exist"."""
+    """Reason why a file that a model names is not used, as the end of a sentence: "which does not exist"."""
 
 
 @dataclass
 class NamedFiles:
-    """The files that one model names.
+    """Files that one model names.
 
-    moved    : what is read instead of names at which there is no file, by name
-    unusable : why a picture is not used, by name
+    moved    : description, by name, of the file that is read instead of a missing one
+    unusable : reason, by name, why a picture is not used
     """
 
     moved: dict[str, str] = field(default_factory=dict)
@@ -42,9 +42,9 @@ class NamedFiles:
     _paths: dict[tuple[Path, str], Path | UnusableError] = field(default_factory=dict)
 
     def find(self, folder: Path, name: str) -> Path:
-        """Return the file as `spelt_file` does, or one of the same base name, which `notes` then says.
+        """Return the file as `spelt_file` does, or a file of the same base name elsewhere, which `notes` reports.
 
-        Of several files, that with most of the name's folders is taken. Raises UnusableError.
+        Of several files, the file that shares most folders with the name is taken. Raises UnusableError.
         """
         key = (folder, name)
         if key not in self._paths:
@@ -67,7 +67,7 @@ class NamedFiles:
         return paths[0]
 
     def notes(self) -> list[str]:
-        """Return what is not used of the model's names: a sentence for each cause."""
+        """Return a sentence for each cause why files of the model are read from elsewhere or not used."""
         texts = []
         if self.moved:
             listed = _listed([f"for {_quoted(name)} {used}" for name, used in self.moved.items()])
@@ -83,10 +83,10 @@ class NamedFiles:
 
 
 def named_file(folder: Path, name: str) -> Path:
-    """Return the file in a model's folder, or in folders in it, that a name means: of the same path in any case.
+    """Return the file that a name means in a model's folder or its subfolders; the case of letters may differ.
 
-    Backslashes separate folders as well. Links are followed before it is asked where the file is. Raises
-    UnusableError.
+    Backslashes separate folders as well. Links are followed before the check that the file is inside the folder.
+    Raises UnusableError.
     """
     path = folder / name.replace("\\", "/")
     try:
@@ -98,7 +98,7 @@ def named_file(folder: Path, name: str) -> Path:
         if not is_inside or _has_drive(name):
             raise UnusableError("which is outside the folder of the model")
         raise UnusableError("which is not a file" if os.path.exists(path) else "which does not exist")
-    except (OSError, RuntimeError, ValueError) as error:  # a NUL, a circle of links
+    except (OSError, RuntimeError, ValueError) as error:  # for a NUL or a circle of links
         raise UnusableError(f"which cannot be read: {reason_of(error)}") from error
 
 
@@ -117,7 +117,7 @@ def spelt_file(folder: Path, name: str) -> Path:
 
 
 def _spellings(name: str) -> Iterator[str]:
-    """Yield what else a name may mean: without quotes or a comment, or with its bytes in another encoding."""
+    """Yield other spellings of a name: without quotes or a comment, and with its bytes in other encodings."""
     if len(name) > _MAX_NAME:
         return
     plain = without_comment(name)
@@ -155,7 +155,7 @@ def _parts(name: str) -> list[str]:
 
 
 def _of_base_name(folder: Path, parts: Sequence[str]) -> list[Path]:
-    """Return the files in a folder, and in folders in it, with the last part of a name: the most alike first."""
+    """Return the files in a folder and its subfolders with the base name of a path, most similar paths first."""
     ends = [parts[start:] for start in range(max(len(parts) - _MAX_PARTS, 0), len(parts))]
     try:
         names = sorted(each.name for each in os.scandir(folder) if each.is_dir())[:_MAX_FOLDERS] if parts else []
@@ -166,7 +166,7 @@ def _of_base_name(folder: Path, parts: Sequence[str]) -> list[Path]:
 
 
 def _in_any_case(folder: Path, parts: Sequence[str]) -> Path | None:
-    """Return the file at a path below a folder, in any case; None if there is none, or a link leads elsewhere."""
+    """Return the file at a path below a folder, in any case; None if it does not exist or a link leads outside."""
     path = folder
     try:
         for part in parts:
@@ -181,7 +181,7 @@ def _in_any_case(folder: Path, parts: Sequence[str]) -> Path | None:
             path /= part
         if path.is_file() and _is_inside(path, folder):
             return path
-    except (OSError, RuntimeError, ValueError):  # a NUL, a circle of links
+    except (OSError, RuntimeError, ValueError):  # for a NUL or a circle of links
         pass
     return None
 

@@ -1,7 +1,8 @@
-"""OBJ files as arrays: all that the format allows of polygons, and all that exporters write.
+"""Read OBJ files as arrays: all polygons that the format allows, in the variants that exporters write.
 
-Indices count from 1, or backwards from the vertex before; `text` has the rules for lines and comments. Normals and
-texture coordinates that are NaN or infinite are left out, and faces with such a vertex, with one warning.
+Indices count from 1, or backwards from the last vertex so far if they are negative; `text` has the rules for lines
+and comments. Normals and texture coordinates that are NaN or infinite are left out. So are faces with such a
+vertex. One warning reports both.
 
 Source: Wavefront's Advanced Visualizer manual, appendix B1 (Object Files).
 """
@@ -31,24 +32,24 @@ Int64 = NDArray[np.int64]
 
 _NAMES = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}
 _PLURALS = {"v": "vertices", "vt": "texture coordinates", "vn": "normals"}
-_FACES = ("f", "fo")  # the second is an older word
+_FACES = ("f", "fo")  # the second is an older name
 _UNUSED = {"curv": "curves", "curv2": "trimming curves", "surf": "surfaces"}
 _MRGB = re.compile(rb"^#MRGB[ \t]+((?:[0-9a-fA-F]{8})+)[ \t]*\r?$", re.MULTILINE)
 _DIGITS = b"0123456789"
-# Vertices of the file for each corner of a part, up to which arrays as long as the file are faster than sorting.
+# Maximum ratio of the file's vertices to a part's corners at which arrays of file length are faster than sorting.
 _MAX_SPARSENESS = 4
 
 
 @dataclass(frozen=True)
 class Part:
-    """Triangles of an OBJ file that have one material.
+    """Triangles of an OBJ file that share one material.
 
     material  : index into `ObjFile.materials`; -1 without a material
     positions : (V, 3)
     faces     : (F, 3) indices of positions
-    uv        : (V, 2), NaN where the file has none; None if no corner has one
-    normals   : (V, 3), zeros where the file has none; None if no corner has one
-    colours   : (V, 3) in [0, 1]; None without
+    uv        : (V, 2), NaN for vertices without texture coordinates; None if no corner has any
+    normals   : (V, 3), zeros for vertices without a normal; None if no corner has one
+    colours   : (V, 3) in [0, 1]; None if the file has none
     """
 
     material: int
@@ -67,10 +68,10 @@ class ObjFile:
     colours   : (V, 3) in [0, 1]; None unless all vertices have one
     parts     : triangles by material, those without a material first
     materials : names of the materials that faces use
-    libraries : the MTL files that it names
-    coloured  : vertices have colours, or some of them, which then are left out
-    guess     : how the scale of colours was guessed; empty if they are fractions
-    lines     : (L, 2) indices, from 0, of the vertices between which lines are
+    libraries : names of the MTL files
+    coloured  : True if vertices have colours; colours of only some vertices are left out
+    guess     : description of how the scale of colours was guessed; empty if they are fractions
+    lines     : (L, 2) vertex indices, from 0, at the ends of line segments
     """
 
     positions: Float64
@@ -84,7 +85,7 @@ class ObjFile:
 
 
 class _Tables(NamedTuple):
-    """Numbers of the statements v, vt and vn, a row for each."""
+    """Numbers of the statements v, vt and vn, one row for each statement."""
 
     v: Float64
     vt: Float64
@@ -102,13 +103,13 @@ class _Rows:
 
     def append(self, line: int, values: list[str]) -> None:
         if self.kind == "vt" and len(values) == 1:
-            values = [*values, "0"]  # a texture of one dimension has no v
+            values = [*values, "0"]  # a one-dimensional texture coordinate has no v
         self.texts.append(" ".join(values))
         self.lines.append(line)
         self.widths.add(len(values))
 
     def table(self, source: str) -> Float64:
-        """(N, W) numbers, as many of each row as all rows have. Raises SceneError."""
+        """Return (N, W) numbers: the first W of each row, the length of the shortest row. Raises SceneError."""
         width, needed = min(self.widths, default=3), 2 if self.kind == "vt" else 3
         if width < needed:
             row = next(row for row, text in enumerate(self.texts) if len(text.split()) == width)
@@ -122,15 +123,15 @@ class _Rows:
 def read_obj(content: bytes, source: str) -> ObjFile:
     """Return the contents of a file.
 
-    source : the file, for errors
+    source : name of the file, for errors
 
-    Raises SceneError, with the line, for an index that names nothing, and for a word that is not a number.
+    Raises SceneError with the line for an index that does not exist, and for a word that is not a number.
     """
     rows = {kind: _Rows(kind) for kind in _NAMES}
     face_texts: list[str] = []
     sizes: list[int] = []
-    used: list[tuple[int, int]] = [(0, -1)]  # the number of faces before a material, and the material
-    drawn: list[tuple[int, int, int]] = []  # two vertices, and the line of the file
+    used: list[tuple[int, int]] = [(0, -1)]  # number of faces before a material, and the material
+    drawn: list[tuple[int, int, int]] = []  # two vertices of a segment, and its line in the file
     materials: dict[str, int] = {}
     libraries: dict[str, None] = {}
     unused: Counter[str] = Counter()
@@ -190,21 +191,24 @@ def read_obj(content: bytes, source: str) -> ObjFile:
 
 
 def _polypaint(content: bytes) -> Float64:
-    """Return (N, 3) fractions: ZBrush's colours of vertices, MMRRGGBB in comments `#MRGB`, where MM is a mask."""
+    """Return ZBrush's vertex colours as (N, 3) fractions.
+
+    Comments `#MRGB` hold them as MMRRGGBB, where MM is a mask.
+    """
     digits = b"".join(_MRGB.findall(content)) if b"#MRGB" in content else b""
     return np.frombuffer(bytes.fromhex(digits.decode()), np.uint8).reshape(-1, 4)[:, 1:] / 255.0
 
 
 def _colours(rows: Float64) -> tuple[Float64 | None, str]:
-    """Return the colours (V, 3) of vertices, None without, and a note if their scale had to be guessed."""
+    """Return the colours (V, 3) of vertices, or None, and a note if their scale had to be guessed."""
     stored = _stored_colours(rows)
     return fractions(stored, "f8") if stored.size else (None, "")
 
 
 def _stored_colours(rows: Float64) -> Float64:
-    """(V, 3) colours of rows x y z r g b, then perhaps alpha, or x y z weight r g b; (V, 0) without.
+    """Return the (V, 3) colours of rows x y z r g b [a] or x y z weight r g b; (V, 0) if they have none.
 
-    Seven numbers are x y z r g b a, unless only the fourth is 1 for all vertices.
+    Seven numbers are x y z r g b a, unless the fourth, but not the seventh, is 1 for all vertices.
     """
     if rows.shape[1] < 6:
         return rows[:, :0]
@@ -213,7 +217,7 @@ def _stored_colours(rows: Float64) -> Float64:
 
 
 def _counted_from_one(text: str, rows: dict[str, _Rows], location: SourceLocation) -> str:
-    """Return a corner, such as -1/-1/-1, with indices from 1 instead of from the last statement."""
+    """Return a corner, such as -1/-1/-1, with indices that count from 1 and not backwards."""
     indices = []
     for (kind, each), word in zip(rows.items(), text.split("/"), strict=False):
         try:
@@ -229,7 +233,7 @@ def _counted_from_one(text: str, rows: dict[str, _Rows], location: SourceLocatio
 
 
 def _index(word: str) -> int:
-    """Return an index of a corner; 0 without. Raises ValueError."""
+    """Return the index that a word holds; 0 if the word is empty. Raises ValueError."""
     return whole(word) if word else 0
 
 
@@ -241,9 +245,9 @@ def _no_index(corner: str, location: SourceLocation) -> SceneError:
 
 
 def _corners(texts: list[str], sizes: list[int], source: str, content: bytes) -> Int64:
-    """(C, 3) indices from 0 of the position, texture coordinate and normal of each corner; -1 without.
+    """Return (C, 3) indices, from 0, of the position, texture coordinate and normal of each corner; -1 for none.
 
-    texts : corners v, v/vt, v//vn or v/vt/vn of each face, with blanks between them
+    texts : corners of each face in the form v, v/vt, v//vn or v/vt/vn, separated by blanks
 
     Raises SceneError.
     """
@@ -276,9 +280,9 @@ def _corners(texts: list[str], sizes: list[int], source: str, content: bytes) ->
 
 
 def _check_corners(corners: Int64, sizes: list[int], tables: _Tables, source: str, content: bytes) -> None:
-    """Raise SceneError for indices beyond what the file has. Forget those of kinds that the file has none of."""
+    """Raise SceneError for an index that does not exist. Set the indices of a kind that the file lacks to -1."""
     for column, (kind, table) in enumerate(zip(_NAMES, tables, strict=True)):
-        if column and not len(table):  # some exporters number what they leave out
+        if column and not len(table):  # some exporters write indices of normals that they omit
             corners[:, column] = -1
         wrong = (corners[:, column] >= len(table)) | (corners[:, column] < (-1 if column else 0))
         if wrong.any():
@@ -288,7 +292,7 @@ def _check_corners(corners: Int64, sizes: list[int], tables: _Tables, source: st
 
 
 def _location_of_corner(corner: int, sizes: list[int], source: str, content: bytes) -> SourceLocation:
-    """Return the line of the face that has a corner, counted from 0 through all faces."""
+    """Return the line of the face that has a corner. Corners count from 0 through all faces."""
     face = int(np.searchsorted(np.cumsum(sizes), corner, "right"))
     faces = (number for number, words in statements(decoded(content)) if words[0] in _FACES)
     return SourceLocation(source, f"line {next(islice(faces, face, None))}")
@@ -304,9 +308,9 @@ def _no_such(location: SourceLocation, kind: str, index: str, total: int) -> Sce
 def _parts(
     tables: _Tables, corners: Int64, sizes: Int64, material_of: Int64, source: str, others: dict[str, int]
 ) -> list[Part]:
-    """Return the triangles of faces with `sizes` corners each, by material. Warns of what is left out.
+    """Return the triangles of faces with `sizes` corners each, grouped by material. Warns of all parts left out.
 
-    others : counts of other things that are left out, by name; it grows
+    others : counts of other parts that are left out, by name; the function adds to it
     """
     uv = finite_rows(tables.vt, "texture coordinates", others)
     normals = finite_rows(tables.vn, "normals", others)
@@ -325,7 +329,7 @@ def _parts(
 
 
 class _Attributes(NamedTuple):
-    """Rows that corners index. The last row of uv is NaN and of normals zero, for index -1 of corners without."""
+    """Rows that corners index. The last row, for index -1, is NaN in `uv` and zero in `normals`."""
 
     positions: Float64
     uv: Float64
@@ -334,10 +338,10 @@ class _Attributes(NamedTuple):
 
 
 def _part(material: int, triangles: Int64, rows: _Attributes) -> Part:
-    """Return triangles (T, 3 corners, 3 indices) with one vertex for each distinct corner."""
+    """Return the part for triangles (T, 3 corners, 3 indices), with one vertex for each distinct corner."""
     corners = triangles.reshape(-1, 3)
     has_uv, has_normals = (bool((corners[:, column] >= 0).any()) for column in (1, 2))
-    # The arrays below that are as long as the file are worth it if the part is a good part of the file.
+    # Arrays of file length are worthwhile only if the part has a large fraction of the file.
     key, is_vertex = corners[:, 0], _MAX_SPARSENESS * len(corners) >= len(rows.positions)
     for column, count in [(1, len(rows.uv) - 1)] * has_uv + [(2, len(rows.normals) - 1)] * has_normals:
         if not np.array_equal(corners[:, column], corners[:, 0]):

@@ -1,8 +1,8 @@
-"""OFF files as meshes: vertices, then faces of any number of corners, with colours behind them in some.
+"""Read OFF files as meshes: vertices, then faces of any number of corners, both perhaps with colours.
 
 A line holds one vertex or one face. Comments and empty lines do not count.
 
-Source: Geomview manual, section 4.2.5 (OFF); also with the number of vertices behind the keyword, as in ModelNet.
+Source: Geomview manual, section 4.2.5 (OFF). The number of vertices may follow the keyword, as in ModelNet.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.numerals import whole
 
 Int64 = NDArray[np.int64]
-#: Words of lines, each with the number of its line.
+#: Line number and words of each line.
 Rows = list[tuple[int, list[str]]]
 
-# ST, C and N announce texture coordinates, colours and normals of vertices, which follow the position.
-# Not n: nOFF and 4OFF have vertices of other dimensions than 3.
+# ST, C and N mean that texture coordinates, colours and normals follow the position of each vertex. n is not among
+# them, because vertices of nOFF and 4OFF have other dimensions than 3.
 _KEYWORD = re.compile(r"((?:ST|C|N|st|c)*)(?:OFF|off)([0-9]*)")
 _KEYWORDS = "OFF, COFF, NOFF or STOFF"
 
@@ -33,9 +33,10 @@ _KEYWORDS = "OFF, COFF, NOFF or STOFF"
 def read_off(content: bytes, source: str) -> tuple[Mesh, bool]:
     """Return the mesh of a file, and True if vertices or faces have colours, which are not read.
 
-    Warns of what is left out; vertices without faces are. Raises ValueError, and SceneError, with the line.
+    Vertices without faces are left out; other parts that are left out give a warning. Raises ValueError, or
+    SceneError with the line.
 
-    source : the file, for errors and warnings
+    source : name of the file, for errors and warnings
     """
     prefix, vertex_count, face_count, rows = _read_head(list(statements(decoded(content))), source)
     if len(rows) < vertex_count + face_count:
@@ -54,7 +55,7 @@ def read_off(content: bytes, source: str) -> tuple[Mesh, bool]:
 
 
 def _read_head(rows: Rows, source: str) -> tuple[str, int, int, Rows]:
-    """Return what stands before OFF, the numbers of vertices and faces, and the lines below."""
+    """Return the letters before OFF, the number of vertices, the number of faces, and the lines below."""
     first = rows[0][1] if rows else [""]
     keyword = _KEYWORD.fullmatch(first[0])
     if keyword is None:
@@ -80,7 +81,7 @@ def _read_head(rows: Rows, source: str) -> tuple[str, int, int, Rows]:
 
 
 def _read_vertices(rows: Rows, prefix: str, source: str, left_out: dict[str, int]) -> tuple[Mesh, bool]:
-    """Return vertices, texture coordinates and normals as a mesh without faces, and True for colours.
+    """Return vertices, texture coordinates and normals as a mesh without faces, and True if there are colours.
 
     prefix : letters before OFF
     """
@@ -104,7 +105,7 @@ def _read_vertices(rows: Rows, prefix: str, source: str, left_out: dict[str, int
 
 
 def _read_faces(rows: Rows, vertex_count: int, source: str) -> tuple[Int64, Int64, bool]:
-    """Return the vertices of all faces, one face after the other, the sizes of faces, and True for colours."""
+    """Return the vertex indices of all faces in one array, the face sizes, and True if there are colours."""
     lines = np.array([line for line, _ in rows], np.int64)
     sizes = _whole_numbers(parse_lines([words[0] for _, words in rows], lines.tolist(), source), lines, source)
     numbers = np.array([len(words) - 1 for _, words in rows], np.int64)
@@ -129,7 +130,7 @@ def _read_faces(rows: Rows, vertex_count: int, source: str) -> tuple[Int64, Int6
 
 
 def _whole_numbers(numbers: Float64, lines: Int64, source: str) -> Int64:
-    """Return numbers (N,) as integers. Raises SceneError for others, with the line of each."""
+    """Return numbers (N,) as integers. Raises SceneError with the line of the first that is not whole."""
     wrong = np.flatnonzero((numbers != np.floor(numbers)) | ~(np.abs(numbers) < 2.0**53))
     if len(wrong):
         raise SourceLocation(source, f"line {lines[wrong[0]]}").error(

@@ -1,4 +1,4 @@
-"""Files that are no scenes but are often taken for one: what they are, and where they go."""
+"""Kinds of files that are often mistaken for scenes, and the remedy for each."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from glpath.scene.source_location import SourceLocation
 _MODEL = "Export the scene as glTF (.glb) from the program that wrote it."
 _PICTURE = 'It may light a scene as its environment map: [sky] with file = "{0}".'
 
-#: By suffix: what it is, and what to do with it.
+#: Kind of file and remedy, by suffix.
 KINDS = {
     ".hdr": ("a picture", _PICTURE),
     ".exr": ("a picture", _PICTURE),
@@ -51,7 +51,7 @@ KINDS = {
 
 
 def refuse_other_file(path: Path) -> None:
-    """Raise SceneError for a file that is there and of a kind that is no scene; for a lamp, with what it holds."""
+    """Raise SceneError if a file exists and is of a kind that is no scene. For a lamp, report its light."""
     suffix = path.suffix.lower()
     if not os.path.isfile(path):
         return

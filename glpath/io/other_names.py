@@ -1,4 +1,4 @@
-"""Other programs' and formats' names of a scene file's fields, for the remedy of an error."""
+"""Names that other programs and formats give to fields of a scene file, for the remedy of an error."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _NAMES = {
 
 
 def meant_by(name: str, allowed: Collection[str]) -> str:
-    """The field out of `allowed` that others call `name`; empty where there is none."""
+    """Return the field in `allowed` that other programs call `name`; empty if there is none."""
     plain = "".join(letter for letter in name.lower() if letter.isalnum()).removesuffix("factor")
     for field, others in _NAMES.items():
         if field in allowed and plain in (field.replace("_", ""), *others.split()):

@@ -1,4 +1,4 @@
-"""Bicubic patches of a scene file: their control points checked, and divided as it says."""
+"""Bicubic patches of a scene file: checks of their control points, and their subdivision."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from glpath.scene.patches import Heights, PatchChunks, Patches, diced, triangle_
 from glpath.scene.source_location import SourceLocation
 
 DEFAULT_LEVEL = 8
-#: A mesh of more is no slip of the pen, but takes gigabytes.
+#: Maximum number of triangles of a mesh of patches; more would take gigabytes.
 MAX_TRIANGLES = 2**24
 
 
 @dataclass(frozen=True)
 class PatchSurface:
-    """A surface and how it is divided, in its own space; pieces of it on demand, and all of it as a mesh."""
+    """Surface and its subdivision, in object space; gives pieces on demand, or a mesh of the whole."""
 
     chunks: PatchChunks
     location: SourceLocation
@@ -37,7 +37,10 @@ class PatchSurface:
         return self.chunks.chunk(index)
 
     def mesh(self) -> Mesh:
-        """Raises SceneError for more triangles than anybody keeps."""
+        """Return the whole surface as a mesh.
+
+        Raises SceneError if it has too many triangles, or none with an area.
+        """
         of = self.chunks
         count = int(triangle_counts(of.levels).sum())
         if count > MAX_TRIANGLES:
@@ -58,9 +61,9 @@ def patch_surface(
     world: Float64,
     textures: Sequence[Texture],
 ) -> PatchSurface:
-    """The surface of a shape's table. Raises SceneError.
+    """Return the surface of a shape's table. Raises SceneError.
 
-    camera : which decides how finely it is divided, where that is given in pixels
+    camera : camera that determines the subdivision if it is given in pixels
     world  : (3, 4) world_from_shape
     """
     patches = _control(given, location)
@@ -131,7 +134,7 @@ def _heights(given: description.Patches, location: SourceLocation, textures: Seq
 
 @dataclass(frozen=True)
 class TextureHeights:
-    """Heights by a texture's red, scene units."""
+    """Displacement heights from the red channel of a texture, in scene units."""
 
     texture: Texture
     scale: float

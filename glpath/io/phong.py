@@ -1,8 +1,8 @@
-"""Materials of Phong's time as surfaces of microfacets.
+"""Phong materials as microfacet surfaces.
 
-A highlight of exponent n is as wide as one of GGX's with alpha = sqrt(2 / (n + 2)) [Walter et al. 2007]. The
-specular colour scales the reflection of a dielectric: 0.5 is that of index 1.5, as Blender writes and reads it, so
-that plastic is no mirror; where nothing is reflected diffusely it is the colour of a metal.
+A Phong highlight of exponent n is as wide as a GGX highlight with alpha = sqrt(2 / (n + 2)) [Walter et al. 2007].
+The specular colour scales the reflection of a dielectric: 0.5 means that of index 1.5, as in Blender, so that
+plastic is no mirror. If nothing is reflected diffusely, the specular colour is the colour of a metal.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ F0 = 0.04
 
 
 def roughness_of(exponent: float) -> float:
-    """`Material.roughness`, the square root of alpha, of a highlight of Phong's."""
+    """Return `Material.roughness`, the square root of alpha, for the exponent of a Phong highlight."""
     return float((2.0 / (max(exponent, 0.0) + 2.0)) ** 0.25)
 
 
 def layers(diffuse: Float64, textured: bool, specular: Float64, exponent: float) -> dict[str, Any]:
-    """Fields of a `Material`: `reflectance`, and the gloss where there is one.
+    """Return fields of a `Material`: `reflectance`, and gloss if the specular colour is not 0.
 
     diffuse, specular : (3,) in [0, 1], linear Rec. 709
-    textured          : the diffuse colour is a texture's as well
+    textured          : True if a texture also gives diffuse colours
     """
     if not specular.any():
         return {"reflectance": diffuse}
@@ -37,10 +37,10 @@ def layers(diffuse: Float64, textured: bool, specular: Float64, exponent: float)
 
 
 def mirroring(fields: dict[str, Any], specular: Float64) -> dict[str, Any]:
-    """The same where the specular colour is what a mirror sends back, as ray tracers have it."""
+    """Return `fields` for a mirror, whose specular colour is its reflectance, as in ray tracers."""
     return {**fields, "specular_colour": specular / F0} if "specular_colour" in fields else fields
 
 
 def share(values: Any) -> Float64:
-    """As reflectances can be."""
+    """Return values as reflectances: clamped to [0, 1], and 0 for NaN."""
     return np.clip(np.nan_to_num(np.asarray(values, np.float64)), 0.0, 1.0)

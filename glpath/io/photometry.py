@@ -13,18 +13,18 @@ from glpath.scene.profile import LightProfile
 from glpath.scene.source_location import SourceLocation
 from glpath.system.files import read_bytes, reason_of
 
-#: By suffix: what the format is called, and who reads it.
+#: Name and parser of each format, by suffix.
 FORMATS: dict[str, tuple[str, Callable[[bytes, Path | str, SourceLocation], LightProfile]]] = {
     ".ies": ("IES LM-63", parse_ies),
     ".ldt": ("EULUMDAT", parse_eulumdat),
 }
 SUFFIXES = tuple(FORMATS)
-#: Bytes of a file.
+#: Maximum size of a photometric file in bytes.
 MAX_BYTES = 16 << 20
 
 
 def read_profile(path: Path, location: SourceLocation) -> LightProfile:
-    """The profile of a file that a scene names at `location`. Raises and warns as its parser does."""
+    """Return the profile of a file that a scene names at `location`. Raises and warns as its parser does."""
     if path.suffix.lower() not in SUFFIXES:
         raise location.error(f"names {path}, but a photometric file is one that ends in {' or '.join(SUFFIXES)}.")
     if not os.path.isfile(path):

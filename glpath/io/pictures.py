@@ -1,4 +1,4 @@
-"""Pictures that a model names, in files of its folder [Pillow, OpenEXR], or has as objects of Pillow."""
+"""Pictures of a model: files in its folder [Pillow, OpenEXR], or Pillow images."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.system.files import check_file, reason_of
 
 Image = NDArray[np.uint8] | NDArray[np.float32]
-# Pillow's names; its other formats are seldom textures, and some of them run other programs.
+# Formats that are read, by Pillow's names. Its other formats are seldom textures, and some run other programs.
 _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF")
-# Tags of a TIFF.
+# TIFF tags BitsPerSample and PhotometricInterpretation.
 _BITS_TAG, _PHOTOMETRIC_TAG = 258, 262
-#: For all pictures of a model together.
+#: Maximum memory of all pictures of a model together, in bytes.
 MAX_BYTES = 2**33
 
 
 @dataclass
 class Pictures:
-    """The pictures of one model, each read once.
+    """Pictures of one model; each is read once.
 
-    files : where they are, and which are not used
+    files : finder of the files, with notes on those that are not used
     """
 
     folder: Path
@@ -39,7 +39,7 @@ class Pictures:
     _bytes: int = 0
 
     def picture(self, name: str) -> Image | None:
-        """Return a picture as `read` does; None if it cannot be used, which `files` notes."""
+        """Return a picture as `read` does; None, with a note in `files`, if it cannot be used."""
         try:
             return self.read(name)
         except UnusableError as error:
@@ -47,9 +47,9 @@ class Pictures:
             return None
 
     def read(self, name: str) -> Image:
-        """(h, w, 3) or, with alpha, (h, w, 4): uint8, or float32 and linear of EXR and float TIFF.
+        """Return the pixels of a picture, (h, w, 3) or with alpha (h, w, 4).
 
-        Raises UnusableError.
+        They are uint8; those of EXR and float TIFF are float32 and linear. Raises UnusableError.
         """
         path = self.files.find(self.folder, name)
         if path not in self._known:
@@ -71,7 +71,7 @@ class Pictures:
             import PIL.Image
 
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of many pixels, which are counted here, and of odd tags
+                warnings.simplefilter("ignore")  # about many pixels, which `_check` counts, and odd tags
                 with PIL.Image.open(path, formats=_FORMATS) as opened:
                     self._check(*opened.size, 4 if opened.mode == "F" else 1)
                     return pixels_of(opened)
@@ -79,7 +79,7 @@ class Pictures:
             raise
         except GlpathError as error:
             raise UnusableError(f"which cannot be read: {error.message}") from error
-        except Exception as error:  # Pillow raises whatever its parsers run into
+        except Exception as error:  # Pillow's parsers may raise anything
             raise UnusableError(f"which cannot be read: {type(error).__name__}: {reason_of(error)}") from error
 
     def _check(self, width: int, height: int, bytes_each: int) -> None:
@@ -94,18 +94,19 @@ class Pictures:
 
 
 def pixels_of(opened: Any) -> Image:
-    """(h, w, 3) or, with alpha, (h, w, 4) of a picture of Pillow: 16 bits become 8, floats are linear.
+    """Return the pixels of a Pillow image, (h, w, 3) or with alpha (h, w, 4).
 
-    Raises ImageError as `stored_pixels`.
+    16-bit values become 8-bit values; floats are linear. Raises ImageError as `stored_pixels` does.
     """
     pixels = stored_pixels(opened)
     return (pixels >> 8).astype(np.uint8) if pixels.dtype == np.uint16 else pixels
 
 
 def stored_pixels(opened: Any) -> NDArray[Any]:
-    """(h, w, 3) or, with alpha, (h, w, 4) of a picture of Pillow: uint8, or of grey ones uint16 or float32.
+    """Return the pixels of a Pillow image as stored, (h, w, 3) or with alpha (h, w, 4).
 
-    Raises ImageError for numbers of which nobody knows which is white, and for floats that are not finite.
+    They are uint8; those of grey images may be uint16 or float32. Raises ImageError if it is not known which number
+    is white, and for floats that are not finite.
     """
     if opened.mode != "F" and not opened.mode.startswith("I"):
         alpha = "A" in opened.getbands() or "transparency" in opened.info
@@ -135,7 +136,7 @@ def _check_range(opened: Any, grey: NDArray[Any]) -> None:
 
 
 def resized(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """(h, w) grey of another (height, width)."""
+    """Return a grey image (h, w) scaled to another size (height, width)."""
     if image.shape == size:
         return image
     import PIL.Image

@@ -1,4 +1,4 @@
-"""A plain background that is as bright as a ground in a scene's light."""
+"""Plain background, as bright as a ground of reflectance `PLAIN` in a scene's light."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from glpath.scene.model import Environment, Scene, Sky
 
 Float64 = NDArray[np.float64]
 
-#: Of a white ground in the scene's light, how bright a plain background is.
+#: Radiance of a plain background as a fraction of that of a white ground in the scene's light.
 PLAIN = 0.8
-# Directions of a half sphere, to sum the light of a sky.
+# Rows and columns of directions over a hemisphere, for the integral of a sky's light.
 _ROWS, _COLUMNS = 64, 128
 
 
 def with_plain_background(scene: Scene, ground: Float64 | None = None) -> Scene:
-    """The scene before a grey, as bright as a ground of reflectance `PLAIN` in the light of its sky.
+    """Return the scene with a grey background, as bright as a ground of reflectance `PLAIN` under its sky.
 
-    Pictures then have the exposure that shows it so, where the scene asks for none.
+    If the scene sets no exposure, it gets one that shows a white ground at about 1, in steps of a quarter stop.
 
-    ground : (3,) a point of the ground that catches the shadow, see `Background`
+    ground : (3,) point of the ground that receives the shadow, see `Background`
     """
     white = _radiance_of_white_ground(scene.sky)
     exposure = scene.exposure
@@ -36,10 +36,10 @@ def with_plain_background(scene: Scene, ground: Float64 | None = None) -> Scene:
 
 
 def _radiance_of_white_ground(sky: Sky | Environment | None) -> float:
-    """Luminance of a white, diffuse ground that only the sky lights."""
+    """Return the luminance of a white, diffuse ground that only the sky lights."""
     if sky is None:
         return 0.0
-    # Strata of equal cosine: of sin² of the polar angle.
+    # Cosine-weighted strata, which are uniform in sin² of the polar angle.
     sine2 = (np.arange(_ROWS) + 0.5)[:, None] / _ROWS
     phi = 2 * np.pi * (np.arange(_COLUMNS) + 0.5) / _COLUMNS
     up = sky.up / np.linalg.norm(sky.up)
@@ -51,6 +51,6 @@ def _radiance_of_white_ground(sky: Sky | Environment | None) -> float:
     if sun is None:
         return float(luminance(sky.radiance(directions)).mean())
     assert isinstance(sky, Environment), "it has a sun"
-    # A stratum would hardly ever meet the sun.
+    # Strata would hardly ever contain the sun, so its irradiance is added.
     of_map = replace(sky, sun=None).radiance(directions).mean(axis=(0, 1))
     return float(luminance(of_map + sun.irradiance * max(float(sun.direction @ up), 0.0) / np.pi))

@@ -1,4 +1,4 @@
-"""PLY files: elements of scalar and list properties, ASCII or binary, as arrays.
+"""Read PLY files, ASCII or binary, as arrays: elements of scalar and list properties.
 
 Source: Turk, The PLY Polygon File Format, 1994.
 """
@@ -37,7 +37,7 @@ _TEXTURE = re.compile(r"TextureFile\s+(.*\S)")
 MAX_PROPERTIES = 4096
 # Maximum length of lists that are read as columns of a table.
 _MAX_UNIFORM = 1 << 12
-# List values that are gathered at once: the index arrays of more do not fit into a cache.
+# Number of list values that are gathered at once; index arrays of more do not fit into a cache.
 _BLOCK = 1 << 18
 
 
@@ -68,7 +68,7 @@ class Element:
     types: dict[str, str] = field(default_factory=dict)
 
     def stacked(self, names: Sequence[str]) -> Float64:
-        """(count, len(names)) float64 of scalar properties."""
+        """Return scalar properties as (count, len(names)) float64."""
         return np.stack([as_float64(self.columns[name]) for name in names], axis=1)
 
     def first_of(self, *choices: tuple[str, ...]) -> tuple[str, ...]:
@@ -78,7 +78,7 @@ class Element:
 
 @dataclass(frozen=True)
 class _Property:
-    """Declaration of a property: its type, and that of its length if it is a list."""
+    """Declaration of a property: the type of its values and, if it is a list, of its length."""
 
     name: str
     type: str
@@ -91,7 +91,7 @@ class Header:
 
     format   : ascii, binary_little_endian or binary_big_endian
     elements : (name, count, properties) in the order of the file
-    textures : names of pictures, which comments give
+    textures : names of pictures, from comments
     start    : offset of the data in bytes
     lines    : number of lines
     """
@@ -103,12 +103,12 @@ class Header:
     lines: int
 
     def count(self, *names: str) -> int:
-        """Number of rows that elements of these names have together."""
+        """Return the total number of rows of the elements with these names."""
         return sum(count for name, count, _ in self.elements if name in names)
 
 
 def read_header(content: bytes) -> Header:
-    """Return the header of a file. Raises ValueError for a wrong one."""
+    """Return the header of a file. Raises ValueError if it is invalid."""
     end = _END.search(content)
     if not content.removeprefix(b"\xef\xbb\xbf").startswith(b"ply"):
         raise ValueError('it does not begin with "ply"')
@@ -153,7 +153,7 @@ def read_header(content: bytes) -> Header:
 
 
 def read_elements(content: bytes, header: Header) -> tuple[dict[str, Element], int]:
-    """Return the elements by name, and the number of bytes or of ASCII numbers behind the last one.
+    """Return the elements by name, and the number of bytes, or of ASCII numbers, after the last element.
 
     Raises ValueError if the file holds fewer rows than the header announces.
     """
@@ -184,7 +184,7 @@ def read_elements(content: bytes, header: Header) -> tuple[dict[str, Element], i
 
 
 def _parsed(body: bytes, first_line: int) -> Float64:
-    """Return the numbers of ASCII data, which begin below a line. Raises ValueError for other words."""
+    """Return the numbers of ASCII data that begin at line `first_line`. Raises ValueError for other words."""
     text = with_plain_nan(decoded(body)).replace("\r\n", "\n").replace("\r", "\n")
     try:
         return parse_numbers(text.strip())
@@ -198,7 +198,7 @@ def _parsed(body: bytes, first_line: int) -> Float64:
 
 
 def _read_rows(name: str, count: int, properties: list[_Property], data: Bytes, at: int) -> tuple[Element, int]:
-    """Return an element whose data begin at a byte, and the byte at which they end."""
+    """Return an element whose data begin at byte `at`, and the byte at which they end."""
     min_size = sum(np.dtype(each.count_type or each.type).itemsize for each in properties)
     if count * min_size > len(data) - at:
         raise _too_short(name, count, (len(data) - at) // min_size)
@@ -208,7 +208,7 @@ def _read_rows(name: str, count: int, properties: list[_Property], data: Bytes, 
 
 
 def _uniform_rows(count: int, properties: list[_Property], data: Bytes, at: int) -> tuple[Element, int] | None:
-    """Rows that all have lists as long as those of the first row; None if any has not, or if the data end."""
+    """Return an element whose rows have lists of the same lengths; None if they differ, or if the data end."""
     fields: list[Any] = []
     lengths: dict[int, int] = {}
     end = at
@@ -240,19 +240,20 @@ def _uniform_rows(count: int, properties: list[_Property], data: Bytes, at: int)
 
 
 def _length_at(data: Bytes, at: int, kind: str) -> float:
-    """Return the length of a list that is stored at a byte; -1 if the data end before."""
+    """Return the length of a list that is stored at byte `at`; -1 if the data end before it."""
     if at + np.dtype(kind).itemsize > len(data):
         return -1
     return float(np.ndarray((), kind, data.data, at))
 
 
 def _ragged_rows(name: str, count: int, properties: list[_Property], data: Bytes, at: int) -> tuple[Element, int]:
-    """Rows with lists of different lengths, which have to be walked through one by one."""
+    """Return an element with lists of different lengths, and its end. The rows are read one by one."""
     lists = [each for each in properties if each.count_type]
-    # For each list: bytes of the scalars before it, the reader of its length, and the sizes of that and of a value.
+    # For each list: bytes of the scalars before it, the function that unpacks its length, and the sizes of the
+    # length and of a value.
     steps: list[tuple[int, Any, int, int]] = []
     begins, counts = [array("q") for _ in lists], [array("q") for _ in lists]
-    scalars: list[list[tuple[_Property, int]]] = [[]]  # those before each list and behind the last, with offsets
+    scalars: list[list[tuple[_Property, int]]] = [[]]  # scalars before each list and after the last, with offsets
     skip = 0
     for each in properties:
         size = np.dtype(each.type).itemsize
@@ -303,7 +304,7 @@ def _ragged_rows(name: str, count: int, properties: list[_Property], data: Bytes
 
 
 def _gathered(data: Bytes, starts: Int64, counts: Int64, kind: str) -> NDArray[Any]:
-    """Values of a type that lie one after the other from each start on; data need not be aligned."""
+    """Return values of a type that are stored contiguously from each start on; data need not be aligned."""
     size = np.dtype(kind).itemsize
     offsets = np.repeat(starts - size * (np.cumsum(counts) - counts), counts) + size * np.arange(counts.sum())
     blocks = [

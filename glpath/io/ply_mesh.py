@@ -1,8 +1,14 @@
-"""Triangles, or a cloud of points, of a PLY file, with what its vertices and faces have.
+"""Triangles or points of a PLY file, with the attributes of its vertices and faces.
 
-Names of properties that are read: x y z; nx ny nz; texture coordinates u v, s t, texture_u texture_v; colours red
-green blue alpha, r g b a, diffuse_red ..., color_r ... and alike, in any case; faces as lists of vertex_indices or
-vertex_index, with texcoord for each corner; tristrips, which -1 divides; vertex1 vertex2 of edges.
+These names of properties are read, in any case:
+
+    positions            x y z
+    normals              nx ny nz
+    texture coordinates  u v, s t, texture_u texture_v, and similar
+    colours              red green blue alpha, r g b a, diffuse_red ..., color_r ... and similar
+    faces                lists vertex_indices or vertex_index, and texcoord for each corner
+    strips               tristrips, which -1 separates
+    edges                vertex1 vertex2
 """
 
 from __future__ import annotations
@@ -22,7 +28,7 @@ from glpath.io.values import as_float64, finite_rows, no_such_vertex, warn_of_le
 from glpath.scene.geometry import Float64, Mesh, unit_normals
 from glpath.scene.source_location import SourceLocation
 
-# Elements that are read, and one that nothing is lost with.
+# Elements that are read, and the camera, which is ignored without a note.
 _ELEMENTS = ("vertex", "face", "tristrips", "camera")
 _EDGE = ("vertex1", "vertex2")
 _POSITION = ("x", "y", "z")
@@ -40,23 +46,23 @@ _COLOURS = tuple(
     for prefix in ("", "diffuse_", "diffuse", "color_", "colour_", "vertex_", "face_", "vertex_color_")
     for red, green, blue, alpha in (("red", "green", "blue", "alpha"), ("r", "g", "b", "a"))
 ) + tuple(tuple(f"{prefix}{index}" for index in range(4)) for prefix in ("color_", "colour_", "rgb_"))
-# Properties that hold some colour, whatever their names.
+# Names of properties that hold colours in some form.
 _COLOUR_LIKE = re.compile(r"red|green|blue|rgb|colou?r|^[rgb]$|f_dc_|intensity|gr[ae]y|luminance|reflectance")
 
 
 @dataclass(frozen=True)
 class PlyMesh:
-    """A file as triangles; if it has no faces, the vertices are a cloud of points.
+    """Triangles of a file; if it has no faces, its vertices are a cloud of points.
 
-    mesh       : its colours are those of the vertices, or those of faces, whose triangles share no vertices
+    mesh       : mesh with the colours of vertices, or of faces, whose triangles then share no vertices
     textures   : names of the pictures
     coloured   : "vertex colours", "face colours" or ""
-    single     : positions are numbers of 32 bits
+    single     : True if positions have 32 bits or fewer
     vertices   : element of the vertices, as stored
     faces      : element of the faces, as stored
     vertex_of  : (V,) row of `vertices` for each vertex of the mesh
-    edges      : (L, 2) vertices of the mesh between which edges are, if it has no faces
-    polygon_of : (F,) row of the faces for each triangle of the mesh; -1 for those of strips
+    edges      : (L, 2) vertices of the mesh at the ends of edges, if the file has no faces
+    polygon_of : (F,) row of the faces for each triangle of the mesh; -1 for triangles of strips
     notes      : parts of the file that are not used, as sentences
     """
 
@@ -77,8 +83,8 @@ class _Triangles:
     """Triangles of faces and strips.
 
     corners  : (F, 3) vertices
-    polygons : (F,) row of the faces for each; -1 for those of strips
-    uv       : (3 F, 2) texture coordinates of the corners; None without
+    polygons : (F,) row of the face of each triangle; -1 for triangles of strips
+    uv       : (3 F, 2) texture coordinates of the corners; None if the file has none
     """
 
     corners: Int64
@@ -91,8 +97,8 @@ def read_ply_mesh(content: bytes, header: Header, source: str, *, looks: bool) -
 
     Warns of faces, points and attributes that are dropped because their numbers are not finite.
 
-    source : the file, for errors and warnings
-    looks  : colours are used, so that a guessed scale and an alpha of 0 are worth a warning
+    source : name of the file, for errors and warnings
+    looks  : True if colours are used; only then a guessed scale and an alpha of 0 give a warning
     """
     elements, behind = read_elements(content, header)
     vertices, faces = elements.get("vertex", Element()), elements.get("face", Element())
@@ -124,12 +130,12 @@ def read_ply_mesh(content: bytes, header: Header, source: str, *, looks: bool) -
         is_used[triangles.corners] = True
         used = np.flatnonzero(is_used)
         if not finite.all():
-            positions[~finite] = positions[used[0]]  # of vertices that no triangle has
+            positions[~finite] = positions[used[0]]  # vertices that no triangle uses
     else:
         used = vertex_of = vertex_of[finite]
     vertex_colours = of_vertices
     if of_vertices is not None and face_colours is not None:
-        # MeshLab writes vertices of one colour beside faces of many.
+        # MeshLab writes one colour for all vertices beside different colours of faces.
         if len(used) and np.ptp(of_vertices[used], axis=0).any():
             notes.append("Colours of faces, beside those of vertices.")
             face_colours = None
@@ -150,7 +156,7 @@ def read_ply_mesh(content: bytes, header: Header, source: str, *, looks: bool) -
             mesh = replace(mesh, uv=triangles.uv)
         if with_face_colours:
             assert face_colours is not None
-            of_triangles = np.concatenate([face_colours, np.ones((1, 4))])[triangles.polygons]  # -1 is white
+            of_triangles = np.concatenate([face_colours, np.ones((1, 4))])[triangles.polygons]  # row -1 is white
             mesh = replace(mesh, colours=np.repeat(of_triangles, 3, axis=0))
     if mesh.colours is not None:
         alpha = mesh.colours[:, 3]
@@ -178,7 +184,7 @@ def _triangles(
     source: str,
     left_out: dict[str, int],
 ) -> _Triangles:
-    """Return the triangles whose vertices have finite positions. Warns of all that is left out of the file."""
+    """Return the triangles whose vertices have finite positions. Warns of all parts that are left out."""
     faces, strips = elements.get("face", Element()), elements.get("tristrips", Element())
     lists = _vertex_lists(faces, "face")
     _check_vertices(lists, "face", len(positions), source, min_vertex=0)
@@ -196,7 +202,7 @@ def _triangles(
         left_out = {"points that are not finite": int(np.count_nonzero(~finite)), **left_out}
         warn_of_left_out(source, left_out)
         return _Triangles(np.zeros((0, 3), np.int64), np.zeros(0, np.int64), None)
-    # A corner is a position in `lists.values`.
+    # Triangles of `split` are indices into `lists.values`.
     split = split_finite(source, positions, lists.values, lists.counts, left_out)
     return _Triangles(
         np.concatenate([lists.values[split.triangles], of_strips]),
@@ -206,7 +212,7 @@ def _triangles(
 
 
 def _edges(edges: Element, finite: NDArray[np.bool_], source: str) -> Int64:
-    """Return (L, 2) edges between finite vertices, counted among these. Raises SceneError."""
+    """Return (L, 2) edges between finite vertices; indices count only finite vertices. Raises SceneError."""
     if not edges.first_of(_EDGE):
         return np.zeros((0, 2), np.int64)
     stored = np.nan_to_num(edges.stacked(_EDGE), nan=-1)
@@ -220,7 +226,7 @@ def _edges(edges: Element, finite: NDArray[np.bool_], source: str) -> Int64:
 
 
 def _vertex_lists(element: Element, name: str) -> Ragged:
-    """Return the lists of vertices of faces or strips. Raises ValueError if they have none."""
+    """Return the vertex lists of faces or strips. Raises ValueError if they have none."""
     if not element.count:
         return Ragged(np.zeros(0, np.int64), np.zeros(0, np.int64))
     found = [each for key, each in element.lists.items() if key in ("vertex_indices", "vertex_index")]
@@ -244,9 +250,10 @@ def _check_vertices(lists: Ragged, name: str, count: int, source: str, *, min_ve
 
 
 def _triangles_of_strips(strips: Ragged) -> Int64:
-    """Return (T, 3) vertices: each but the first two of a strip ends a triangle, of which every second is turned.
+    """Return (T, 3) vertices of the triangles of strips; every second triangle is flipped.
 
-    Triangles with a vertex twice only continue a strip elsewhere, and are left out.
+    Each vertex of a strip except the first two completes a triangle. Triangles with a vertex twice only continue a
+    strip elsewhere, and are left out.
     """
     values = strips.values
     if len(values) < 3:
@@ -268,20 +275,20 @@ def _triangles_of_strips(strips: Ragged) -> Int64:
 def _attribute(
     element: Element, choices: tuple[tuple[str, ...], ...], name: str, left_out: dict[str, int]
 ) -> Float64 | None:
-    """Return an attribute of all vertices, with zeros for those that are not finite; None without."""
+    """Return an attribute of all vertices, with zeros for those that are not finite; None if the file has none."""
     names = element.first_of(*choices)
     return finite_rows(element.stacked(names), name, left_out) if names else None
 
 
 def _kind(stored: NDArray[Any], declared: str) -> str:
-    """Return the type of colours: floats if an ASCII file has fractions where it declares whole numbers."""
+    """Return the type of colours: float if an ASCII file has fractions although it declares whole numbers."""
     finite = stored[np.isfinite(stored)]
     return declared if declared[0] == "f" or (finite == np.floor(finite)).all() else "f8"
 
 
 @dataclass(frozen=True)
 class _Colours:
-    """Reader of the colours of elements, which collects notes, and counts of those that are not finite."""
+    """Reader of element colours. It collects notes, and counts of colours that are not finite."""
 
     source: str
     looks: bool
@@ -289,7 +296,7 @@ class _Colours:
     left_out: dict[str, int]
 
     def of(self, element: Element) -> Float64 | None:
-        """Return (count, 4) linear Rec. 709 and alpha; None without."""
+        """Return (count, 4) linear Rec. 709 and alpha; None if the element has no colours."""
         names = element.first_of(*(each[:3] for each in _COLOURS))
         alpha = next((each[3] for each in _COLOURS if each[:3] == names), "alpha")
         alpha = alpha if alpha in element.columns else "alpha"

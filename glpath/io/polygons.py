@@ -1,13 +1,15 @@
-"""Polygons as triangles: those of files of meshes, and plane ones with holes.
+"""Triangulation of polygons: faces of mesh files, and planar polygons with holes.
 
-Faces of a mesh keep their corners: triangles stay, quads are split along a diagonal, a polygon is a fan around its
-first corner if that covers it once, and other polygons are cut by ears [mapbox_earcut].
+Faces of a mesh keep their corners: triangles stay, quads are split along a diagonal, and a polygon becomes a fan
+around its first corner if the fan covers it once. Other polygons are cut by ears [mapbox_earcut].
 
-A polygon with holes is cut across, at the height of each corner, into bands, and a band between its edges into
-trapezoids. So holes may touch the boundary and each other, which ends of bridges between rings may not. The number
-of trapezoids may be quadratic, so ragged outlines of thousands of corners are cut by ears instead.
+A polygon with holes is cut across, at the height of each corner, into bands, and each band between its edges into
+trapezoids. Holes may therefore touch the boundary and each other. Cutting by ears does not allow this, because it
+joins rings by bridges. The number of trapezoids may be quadratic, so ragged outlines of thousands of corners are
+cut by ears instead.
 
-Poor at: corners of other polygons, which the cuts do not share; thin triangles where corners are nearly level.
+Poor at: edges shared with other polygons, which lack the corners that the cuts add; corners that are nearly level,
+which give thin triangles.
 """
 
 from __future__ import annotations
@@ -26,13 +28,13 @@ from glpath.scene.geometry import Float64, Int32
 
 Int64 = NDArray[np.int64]
 
-# Of the extent: corners that are level.
+# Maximum height difference of corners that count as level, as a fraction of the extent.
 _LEVEL = 1e-9
-# Of the area of a polygon: triangles that have no area, and what ears may leave out.
+# Fractions of a polygon's area: of triangles that count as having none, and of what cutting by ears may miss.
 _NO_AREA, _LEFT_OUT = 1e-9, 1e-3
-# Corners of a polygon whose edges are compared, each with each.
+# Maximum number of corners of a polygon whose edges are all compared with each other.
 _MAX_COMPARED = 1 << 8
-# Bands that all edges of a polygon and its holes cross together, beyond which ears are cut instead.
+# Maximum number of bands that all edges of a polygon and its holes cross in total; beyond it ears are cut.
 _MAX_CROSSED = 40_000
 
 
@@ -51,13 +53,13 @@ class Split:
 
 
 def split_faces(positions: Float64, faces: Sequence[Sequence[int]]) -> tuple[Int32, int]:
-    """Return the triangles (T, 3) of faces, as indices of positions (V, 3), and how many faces cross themselves."""
+    """Return the triangles (T, 3) of faces, as indices of positions (V, 3), and the number of crossing faces."""
     corners = np.fromiter(chain.from_iterable(faces), np.int32)
     split = split_polygons(positions, corners, np.array([len(face) for face in faces]))
     return corners[split.triangles], split.crossing
 
 
-@np.errstate(over="ignore", invalid="ignore")  # positions that are too large get an error of their own later
+@np.errstate(over="ignore", invalid="ignore")  # positions that are too large are reported later
 def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any]) -> Split:
     """Return triangles that cover each polygon once, concave ones included.
 
@@ -110,12 +112,12 @@ def split_finite(
     sizes: NDArray[Any],
     others: Mapping[str, int] | None = None,
 ) -> Split:
-    """Return the triangles of a file's polygons, without those that have a vertex that is not finite.
+    """Return the triangles of a file's polygons, without polygons that have a vertex that is not finite.
 
-    Warns of what is left out, and of outlines that cross themselves.
+    Warns of parts that are left out, and of outlines that cross themselves.
 
-    source : the file
-    others : counts of other things that are left out, by name, for the same warning
+    source : name of the file
+    others : counts of other parts that are left out, by name, for the same warning
     """
     is_bad = ~np.asarray(np.isfinite(positions).all(axis=1))
     of = np.repeat(np.arange(len(sizes)), sizes)
@@ -149,11 +151,15 @@ def warn_of_crossing(source: str, count: int) -> None:
 
 
 def _split_quads(a: Float64, b: Float64, c: Float64, d: Float64) -> tuple[Int64, int]:
-    """Return (N, 2, 3) corners of the triangles of quads (N, 3) each, and how many quads cross themselves."""
+    """Return (N, 2, 3) corner numbers of the triangles of quads, and the number of quads that cross themselves.
+
+    a, b, c, d : (N, 3) corners of the quads, in order
+    """
     ac, bd, ab, ad = c - a, d - b, b - a, d - a
     normal = _cross(ac, bd)
     size = _dot(normal, normal)
-    # Twice the areas that the diagonals leave on either side, times the length of the normal.
+    # Vectors of twice the triangle areas; their product with the normal is positive if a diagonal is inside the
+    # quad.
     halves = np.stack([_cross(ab, ac), _cross(ac, ad)], axis=1)
     beside_ac = _dot(normal[:, None], halves).min(axis=1)
     beside_bd = np.minimum(_dot(normal, _cross(ab, ad)), _dot(normal, _cross(c - b, bd)))
@@ -166,7 +172,7 @@ def _split_quads(a: Float64, b: Float64, c: Float64, d: Float64) -> tuple[Int64,
 
 
 def _areas_cancel(doubled: Float64, spokes: Float64) -> NDArray[np.bool_]:
-    """(N,) bool: outlines enclose as much on one side as on the other, so that they cross themselves.
+    """Return (N,) bool: True if the signed areas of an outline cancel, so that it crosses itself.
 
     doubled : (N, k, 3) twice the areas of the triangles of a fan, along their normals
     spokes  : (N, j, 3) vectors from the first corner to the others
@@ -176,14 +182,14 @@ def _areas_cancel(doubled: Float64, spokes: Float64) -> NDArray[np.bool_]:
 
 
 def _are_lines(doubled: Float64, spokes: Float64) -> NDArray[np.bool_]:
-    """(N,) bool: the corners of outlines lie on a line. Arguments as of `_areas_cancel`."""
+    """Return (N,) bool: True if the corners of an outline lie on a line. Arguments are those of `_areas_cancel`."""
     return np.asarray(np.linalg.norm(doubled, axis=2).sum(axis=1) <= _NO_AREA * _dot(spokes, spokes).sum(axis=1))
 
 
 def _are_fans(rings: Float64) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return for rings (N, k, 3) if the fan around the first corner is kept, and if the ring crosses itself.
+    """Return two (N,) bool for rings (N, k, 3): True if the fan is kept, and True if the ring crosses itself.
 
-    The fan is kept if it covers the ring once, or if the ring has no area.
+    The fan around the first corner is kept if it covers the ring once, or if the ring has no area.
     """
     spokes = rings[:, 1:] - rings[:, :1]
     doubled = _cross(spokes[:, :-1], spokes[:, 1:])
@@ -191,17 +197,17 @@ def _are_fans(rings: Float64) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     size = _dot(normal, normal)
     ahead = (_dot(doubled, normal[:, None]) > _NO_AREA * size[:, None]).all(axis=1)
     cosines = _dot(spokes[:, :-1], spokes[:, 1:])
-    angles = np.arctan2(np.linalg.norm(doubled, axis=2), cosines).sum(axis=1)  # less than one turn
+    angles = np.arctan2(np.linalg.norm(doubled, axis=2), cosines).sum(axis=1)  # a simple fan has less than one turn
     crossed = _areas_cancel(doubled, spokes)
     has_no_area = _are_lines(doubled, spokes) | ~(size > 0) | ~np.isfinite(size)
     return np.asarray(ahead & (angles < 2 * np.pi) | crossed | has_no_area), crossed
 
 
 def _ears_of_rings(rings: Float64) -> tuple[Int64, Int64, NDArray[np.bool_]]:
-    """Return corners (T, 3) and rings (T,) of the triangles of rings (N, k, 3), and if each ring crosses itself."""
+    """Return triangles of rings (N, k, 3): corners (T, 3), ring (T,), and (N,) True if a ring crosses itself."""
     spokes = rings[:, 1:] - rings[:, :1]
     normals = _cross(spokes[:, :-1], spokes[:, 1:]).sum(axis=1)
-    # Seen against the normal, along the axis nearest to it.
+    # Project along the coordinate axis nearest to the normal, with the front towards the viewer.
     axes = np.argmax(np.abs(normals), axis=1)
     is_front = np.take_along_axis(normals, axes[:, None], axis=1) > 0
     x, y = (axes[:, None] + 1) % 3, (axes[:, None] + 2) % 3
@@ -217,7 +223,10 @@ def _ears_of_rings(rings: Float64) -> tuple[Int64, Int64, NDArray[np.bool_]]:
 
 
 def _edges_cross(outlines: Float64) -> NDArray[np.bool_]:
-    """(N,) bool: two edges of an outline (N, k, 2) cross, and do not only touch."""
+    """Return (N,) bool: True if two edges of an outline (N, k, 2) cross, and do not only touch.
+
+    Outlines of more than _MAX_COMPARED corners are not compared, and count as not crossing.
+    """
     count, size = outlines.shape[:2]
     if size > _MAX_COMPARED:
         return np.zeros(count, np.bool_)
@@ -228,7 +237,7 @@ def _edges_cross(outlines: Float64) -> NDArray[np.bool_]:
 def _edges_cross_of(outlines: Float64) -> NDArray[np.bool_]:
     ahead = np.roll(outlines, -1, axis=1) - outlines
     to_others = outlines[:, None] - outlines[:, :, None]
-    # Side of edge i on which corner j lies; 0 on its line.
+    # Side of edge i on which corner j lies: a sign, or 0 if it is on the line of the edge.
     sides = ahead[:, :, None, 0] * to_others[..., 1] - ahead[:, :, None, 1] * to_others[..., 0]
     on_line = _NO_AREA * np.ptp(outlines, axis=1).max(axis=1) ** 2
     sides = np.where(np.abs(sides) > on_line[:, None, None], np.sign(sides), 0.0)
@@ -237,9 +246,9 @@ def _edges_cross_of(outlines: Float64) -> NDArray[np.bool_]:
 
 
 def _ears_of_each(outlines: Float64, sizes: Sequence[int]) -> list[Int64]:
-    """(F, 3) corners of the triangles of each outline.
+    """Return the (F, 3) corner numbers of the triangles of each outline.
 
-    outlines : (N, k, 2): a counter-clockwise ring, then its holes
+    outlines : (N, k, 2) points: a counter-clockwise ring, then its holes
     sizes    : number of corners of the ring, and of each hole
     """
     from mapbox_earcut import triangulate_float64
@@ -258,16 +267,16 @@ def _dot(a: Float64, b: Float64) -> Float64:
 
 
 def polygon_normal(ring: Float64) -> Float64:
-    """(3,) float64, twice the area long, out of the front of a ring (N, 3) [Newell]."""
+    """Return the (3,) float64 normal of the front of a ring (N, 3); its length is twice the area [Newell]."""
     ring = ring - ring[0]
     return np.asarray(np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0))
 
 
 def triangulated(boundary: Float64, holes: Sequence[Float64] = ()) -> tuple[Float64, Int32, float]:
-    """Vertices (V, 3), faces (F, 3), and the area that is missing: boundary less holes less triangles.
+    """Return vertices (V, 3), faces (F, 3), and the missing area: boundary minus holes minus triangles.
 
-    boundary : (N, 3) corners, counter-clockwise seen from the front, as the faces are
-    holes    : (M, 3) corners of each, in either order, in the plane of the boundary and within it
+    boundary : (N, 3) corners, counter-clockwise seen from the front, as those of the faces
+    holes    : (M, 3) corners of each hole, in either order, in the plane of the boundary and within it
 
     The missing area is not zero if rings cross each other or themselves. A polygon without area has no faces.
     """
@@ -296,29 +305,32 @@ def triangulated(boundary: Float64, holes: Sequence[Float64] = ()) -> tuple[Floa
 
 
 def _frame(ring: Float64) -> Float64:
-    """(2, 3) unit vectors along the plane of a ring, counter-clockwise about its normal."""
+    """Return (2, 3) unit vectors in the plane of a ring, counter-clockwise about its normal."""
     normal = polygon_normal(ring)
     n = normal / np.linalg.norm(normal)
-    # Cuts across are level on a wall.
+    # With z up, cuts across a wall are horizontal.
     across = np.cross([0.0, 0.0, 1.0], n) if abs(n[2]) < 0.99 else np.cross([0.0, 1.0, 0.0], n)
     across /= np.linalg.norm(across)
     return np.array([across, np.cross(n, across)])
 
 
 def _projected(rings: Sequence[Float64]) -> list[Float64]:
-    """Rings (N, 2) in the plane of the first, from its first corner."""
+    """Return rings (N, 2) in the plane of the first ring, relative to its first corner."""
     frame = _frame(rings[0])
     return [(ring - rings[0][0]) @ frame.T for ring in rings]
 
 
 def _doubled_areas(corners: Float64) -> Float64:
-    """(T,) twice the signed areas of triangles (T, 3, 2)."""
+    """Return (T,) twice the signed areas of triangles (T, 3, 2)."""
     ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     return np.asarray(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0])
 
 
 def _trapezoids(rings: Sequence[Float64]) -> Float64 | None:
-    """(K, 4, 2) corners, counter-clockwise; two of a triangle's are the same. None if there are too many."""
+    """Return (K, 4, 2) corners of trapezoids, counter-clockwise; None if there are too many.
+
+    Two corners of a triangle are equal.
+    """
     starts = np.concatenate(rings)
     ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     levels = np.unique(starts[:, 1])
@@ -346,7 +358,7 @@ def _trapezoids(rings: Sequence[Float64]) -> Float64 | None:
 
 
 def _faces(corners: Float64) -> tuple[Float64, Int32]:
-    """Vertices (V, 2) of trapezoids, each once, and their triangles (F, 3) with an area."""
+    """Return the vertices (V, 2) of trapezoids, each once, and their triangles (F, 3) that have an area."""
     vertices, number = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
     quads = number.reshape(-1, 4)
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])

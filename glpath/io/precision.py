@@ -1,4 +1,4 @@
-"""Files whose vertices have 32 bits: far from the origin these are too far apart for the surfaces they are of."""
+"""Warnings for 32-bit vertices far from the origin, where the spacing of numbers is too coarse for surfaces."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import numpy as np
 from glpath.errors import warn
 from glpath.scene.geometry import Float64
 
-#: In diagonals of a file's geometry: a larger step between neighbouring numbers is reported.
+#: Maximum spacing of neighbouring numbers without a warning, in diagonals of the file's geometry.
 COARSE = 1e-4
 
 
 def step_at(low: Float64, high: Float64) -> float:
-    """How far numbers of 32 bits are apart at the farther of two corners (3,), where it is farthest."""
+    """Return the spacing of 32-bit numbers at the largest coordinate of two corners (3,) of a box."""
     return float(np.spacing(np.float32(max(np.abs(low).max(), np.abs(high).max()))))
 
 
 def warn_of_steps(source: object, step: float, low: Float64, high: Float64) -> None:
-    """Warn where a step is coarse compared with the box between two corners (3,); `source` names the file."""
+    """Warn if a step is coarse compared with the box between two corners (3,); `source` names the file."""
     if not step > COARSE * float(np.linalg.norm(high - low)):
         return
     farthest = max((*low, *high), key=abs)

@@ -1,4 +1,4 @@
-"""Picture files that a scene file names: found, of a size that is meant, and read."""
+"""Read picture files that a scene file names, and check that they exist and are not too large."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ def stored_picture(
     location: SourceLocation,
     read: Callable[[Path], _Picture],
 ) -> _Picture:
-    """A picture that a scene file names, by `read`. Raises SceneError.
+    """Return a picture that a scene file names, as `read` returns it. Raises SceneError.
 
-    what        : "a texture", "an environment map"
-    formats     : the suffixes that it may have
-    max_pixels : in all
-    read        : of `glpath.film.image`, which raises ImageError
+    what       : kind of picture for messages: "a texture", "an environment map"
+    formats    : allowed suffixes
+    max_pixels : maximum number of pixels
+    read       : reader from `glpath.film.image`, which raises ImageError
     """
     if path.suffix.lower() not in formats:
         raise location.error(
             f"names {path}, but {what} is a file that ends in {', '.join(formats)}.", "Convert it, e.g. with GIMP."
         )
-    if not os.path.isfile(path):  # unlike Path.is_file, also where the name is too long
+    if not os.path.isfile(path):  # unlike Path.is_file, returns False if the name is too long
         raise location.error(
             f"names the picture {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
             nearby_files("Pictures", path, formats),

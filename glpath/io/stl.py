@@ -1,7 +1,7 @@
-"""STL files as arrays, binary or ASCII, also those whose counts and ends are wrong.
+"""Read STL files as arrays, binary or ASCII, also files with wrong counts or ends.
 
 A binary file has a header of 80 bytes, the number of facets, and 50 bytes for each facet. If its length does not
-match that number, the whole facets are read, with a warning.
+match that number, the complete facets are read, with a warning.
 
 Source: 3D Systems, StereoLithography Interface Specification, 1989.
 """
@@ -26,21 +26,21 @@ Int64 = NDArray[np.int64]
 
 _HEADER = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-# Times the largest coordinate of counted facets that one of facets behind them may have.
+# Maximum coordinate of facets beyond the announced count, in units of the largest coordinate of counted facets.
 _MAX_GROWTH = 100.0
-# Bytes of a file in which ASCII has the word facet, and no zero.
+# Length of the beginning in which an ASCII file has the word facet and no zero byte.
 _BEGINNING = 1024
-# Names of solids may have the words of the format in them, but in files of one line a facet may follow them.
+# Names of solids may contain words of the format, but in files of one line a facet may follow the name.
 _SOLID = re.compile(r"\b(?:end)?solid\b[^\n]*?(?=\bfacet\s+(?:normal\s+(?:[-+.\d]|nan|inf)|outer\s+loop)|\n|$)")
 
 
 @dataclass(frozen=True)
 class Facets:
-    """Triangles of an STL file, or of a solid of an ASCII one.
+    """Triangles of an STL file, or of a solid in an ASCII file.
 
     corners    : (F, 3, 3) positions
-    attributes : (F,) uint16 that end the facets of binary files, colours of some programs; None in ASCII
-    header     : the first 80 bytes of a binary file
+    attributes : (F,) uint16 at the end of each binary facet, which some programs use for colours; None in ASCII
+    header     : first 80 bytes of a binary file
     """
 
     corners: Float64
@@ -49,9 +49,9 @@ class Facets:
 
 
 def read_stl(content: bytes, source: str) -> list[Facets]:
-    """Return the solids of a file: one if it is binary. Warns of what is left out. Raises ValueError.
+    """Return the solids of a file; a binary file has one. Warns of parts that are left out. Raises ValueError.
 
-    source : the file, for warnings
+    source : name of the file, for warnings
     """
     count = int.from_bytes(content[80:_HEADER], "little")
     is_exact = len(content) >= _HEADER and len(content) == _HEADER + _FACET.itemsize * count
@@ -73,11 +73,11 @@ def read_stl(content: bytes, source: str) -> list[Facets]:
 
 
 def _whole_rows(content: bytes, count: int, source: str) -> NDArray[Any]:
-    """Return the facets that a binary file has, whatever number it announces."""
+    """Return the complete facets of a binary file whose header announces another number. Warns of that."""
     whole, rest = divmod(len(content) - _HEADER, _FACET.itemsize)
     rows = np.frombuffer(content, _FACET, whole, _HEADER)
     read = whole if count == 0 else min(count, whole)
-    if read < whole and not rest:  # facets that are not counted, or other data
+    if read < whole and not rest:  # uncounted facets, or other data
         bounds = np.abs(rows["corners"][:read]).max(initial=0.0)
         if np.all(np.abs(rows["corners"][read:]) <= _MAX_GROWTH * bounds):
             read = whole
@@ -88,7 +88,7 @@ def _whole_rows(content: bytes, count: int, source: str) -> NDArray[Any]:
 
 
 def _rows_with_payload(content: bytes, count: int, source: str) -> NDArray[Any] | None:
-    """Return the facets of a binary file in which each announces bytes that follow it; None for other files."""
+    """Return the facets of a binary file whose facets announce extra bytes after them; None for other files."""
     if not 0 < count <= (len(content) - _HEADER) // _FACET.itemsize:
         return None
     starts, at, last = [], _HEADER, len(content) - _FACET.itemsize
@@ -104,7 +104,7 @@ def _rows_with_payload(content: bytes, count: int, source: str) -> NDArray[Any] 
     stored = np.frombuffer(content, np.uint8)
     bytes_of_rows = stored[np.array(starts)[:, None] + np.arange(_FACET.itemsize)]
     rows = bytes_of_rows.view(_FACET)[:, 0]
-    rows["attribute"] = 0  # lengths, no colours
+    rows["attribute"] = 0  # they were lengths, not colours
     return rows
 
 
@@ -114,7 +114,7 @@ def _read_ascii(content: bytes, source: str) -> list[Facets]:
     for solid in _SOLID.split(text):
         parts = solid.split("vertex")[1:]
         ends = [index + 1 for index, part in enumerate(parts) if "endloop" in part]
-        if not ends:  # some leave the loops out
+        if not ends:  # some programs omit the loops
             ends = list(range(3, len(parts) + 1, 3))
         cut += len(parts) - max(ends, default=0)
         sizes = np.diff(ends, prepend=0)
@@ -151,7 +151,7 @@ def _check_lines(text: str, source: str) -> None:
 
 
 def _finite_facets(positions: list[Float64], sizes: list[Int64], source: str) -> list[Facets]:
-    """Return a `Facets` for each solid, without facets that have a vertex that is not finite."""
+    """Return a `Facets` for each solid, without facets whose vertices are not all finite."""
     joined, counts = np.concatenate(positions), np.concatenate(sizes)
     split = split_finite(source, joined, np.arange(len(joined)), counts)
     corners, solid_of = joined[split.triangles], np.repeat(np.arange(len(sizes)), [len(each) for each in sizes])

@@ -1,4 +1,4 @@
-"""Colours of mesh files as fractions of white: bytes, 16 bits, floats of unknown scale, and the words of STL."""
+"""Colours of mesh files as fractions of white: 8 and 16 bits, floats of unknown scale, and 16-bit words of STL."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from glpath.film.image import decode_srgb
 from glpath.io.values import as_float64
 from glpath.scene.geometry import Float64
 
-# Floats up to this value are fractions, which rounding or a bright light may have brought above 1.
+# Maximum float that counts as a fraction; rounding or a bright light may raise fractions above 1.
 _MAX_FRACTION = 2.0
 _MAX_WORD = 31  # 5 bits
 _HIGHEST_BIT = 1 << 15
-# Programs, as headers name them, whose facets have colours if they have the highest bit.
+# Names of programs in headers; a facet of these programs has a colour if its highest bit is set.
 _PROGRAMS = (b"viscam", b"solidview")
-# Reflectance of facets without colour, as that of meshes without.
+# Reflectance of facets without a colour, equal to that of meshes without colours.
 _GREY = 0.5
 
 
 def fractions(stored: NDArray[Any], kind: str) -> tuple[Float64, str]:
     """Return colours in [0, 1], and a note if their scale had to be guessed; the note is empty otherwise.
 
-    The maximum of all values decides what white is: 1, 255, 65,535 or the largest number of the type. Bytes are
-    always of 255. Values that are not finite become white, which changes no material.
+    The maximum of all values determines the number that means white: 1, 255, 65,535 or the largest number of the
+    type. For bytes it is always 255. Values that are not finite become white, which does not change the material.
 
     stored : numbers of all colours of the file, without alpha
     kind   : numpy code of the type that the file declares, such as "u2"
     """
     values = as_float64(stored)
-    if kind[0] == "i":  # some programs store numbers without a sign in a type with one
+    if kind[0] == "i":  # some programs store unsigned numbers in a signed type
         values = np.where(values < 0, values + 2.0 ** (8 * int(kind[1:])), values)
     finite = np.isfinite(values)
     highest = float(values.max(initial=0.0, where=finite))
@@ -59,27 +59,27 @@ def _white(highest: float, kind: str) -> tuple[float, bool]:
 
 
 def linear(rgb: Float64) -> Float64:
-    """(n, 4) linear Rec. 709 and an alpha of 1 of sRGB fractions (n, 3)."""
+    """Return (n, 4) linear Rec. 709, with an alpha of 1, of sRGB fractions (n, 3)."""
     return np.column_stack([decode_srgb(rgb), np.ones(len(rgb))])
 
 
 def colours_of_facets(words: NDArray[np.uint16], header: bytes) -> Float64 | None:
-    """(F, 4) colours of the facets of a binary STL, linear Rec. 709 and alpha; None if it has none.
+    """Return (F, 4) colours of the facets of a binary STL, linear Rec. 709 and alpha; None if it has none.
 
-    Magics writes COLOR= and RGBA of the object into the header, red into the lowest five bits of a word, and sets
-    the highest bit if the facet has the object's colour. VisCAM and SolidView write blue into the lowest five bits,
-    and set the highest bit if the facet has a colour. If the header does not name them, words without that bit are
-    0, as other programs store other numbers.
+    Magics writes COLOR= and the RGBA of the object into the header. It writes red into the lowest five bits of a
+    word, and sets the highest bit if the facet has the object's colour. VisCAM and SolidView write blue into the
+    lowest five bits, and set the highest bit if the facet has its own colour. Other programs store other numbers.
+    If the header does not name VisCAM or SolidView, words without the highest bit must therefore be 0.
 
-    words  : (F,) the 16 bits that end each facet
-    header : the first 80 bytes of the file
+    words  : (F,) 16 bits at the end of each facet
+    header : first 80 bytes of the file
     """
     parts = linear(np.stack([words >> shift & _MAX_WORD for shift in (0, 5, 10)], axis=1) / _MAX_WORD)
     flagged = ((words & _HIGHEST_BIT) != 0)[:, None]
     at = header.find(b"COLOR=")
     if 0 <= at <= len(header) - 10:
         of_object = linear(np.frombuffer(header, np.uint8, 3, at + 6)[None] / 255.0)
-        of_object[:, 3] = (header[at + 9] or 255) / 255.0  # an invisible object is never meant
+        of_object[:, 3] = (header[at + 9] or 255) / 255.0  # an invisible object is never intended
         return np.where(~flagged, parts, of_object) if words.any() else np.repeat(of_object, len(words), axis=0)
     named = any(name in header.lower() for name in _PROGRAMS)
     if not flagged.any() or not (named or not words[~flagged[:, 0]].any()):

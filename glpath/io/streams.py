@@ -1,6 +1,6 @@
 """Streams of triangles: a .npy file that is read piece by piece, or a Python object that makes chunks.
 
-The file is read by reading, not mapped into memory: pages of a map count as the program's own.
+The file is read and not memory-mapped, because mapped pages count as memory of the process.
 """
 
 from __future__ import annotations
@@ -22,31 +22,32 @@ from glpath.scene.stream import Stream
 from glpath.scene.tessellate import without_area
 from glpath.system.files import open_file
 
-#: Triangles that are read from a file at once: two megabytes, and some twenty while they are made ready.
+#: Number of triangles that are read from a file at once: 2 MB, and about 20 MB while they are processed.
 CHUNK = 1 << 15
 
 
 class Chunks(Protocol):
-    """A source of triangles in pieces that fit into memory; the same ones each time.
+    """Source of triangles in pieces that fit into memory; every call returns the same pieces.
 
     `chunk(i)` is the corners (F, 3, 3) of piece i, or vertices (V, 3) and faces (F, 3) that share them, as numpy
-    arrays, in the shape's own space; counter-clockwise seen from the front.
+    arrays, in object space; counter-clockwise seen from the front.
     """
 
     def __len__(self) -> int:
-        """How many chunks there are."""
+        """Return the number of chunks."""
 
     def chunk(self, index: int) -> Any:
-        """The triangles of one."""
+        """Return the triangles of one chunk."""
 
 
 @dataclass(frozen=True)
 class NpyTriangles:
-    """The triangles of a .npy file of an array (T, 3, 3), of which nothing is kept.
+    """Triangles of a .npy file with an array (T, 3, 3), read on request and not kept in memory.
 
-    path, dtype : of the file
-    count       : T
-    start       : where the array begins, bytes
+    path  : path of the file
+    dtype : type of the numbers in the file
+    count : T
+    start : offset of the array in the file, bytes
     """
 
     path: Path
@@ -56,7 +57,7 @@ class NpyTriangles:
 
     @classmethod
     def open(cls, path: Path, location: SourceLocation) -> NpyTriangles:
-        """Raises SceneError for a file that is no such array."""
+        """Return the triangles of a file. Raises SceneError if it does not hold such an array."""
         if path.suffix.lower() != ".npy":
             raise location.wrong(
                 path.name, "a .npy file", "`numpy.save` writes one; other formats are shapes of the type mesh."
@@ -71,7 +72,7 @@ class NpyTriangles:
                 start = file.tell()
         except OSError as error:
             raise location.error(f"names {path}, which cannot be read: {error.strerror}.") from error
-        except Exception as error:  # of numpy, which reads the header as an expression of Python
+        except Exception as error:  # numpy evaluates the header as a Python expression
             raise location.error(f"names {path}, which is no .npy file of numpy's.") from error
         right = len(shape) == 3 and shape[1:] == (3, 3) and shape[0] > 0 and dtype.kind == "f" and not fortran
         if not right or dtype.itemsize not in (4, 8):
@@ -105,7 +106,7 @@ class NpyTriangles:
 
 @dataclass(frozen=True)
 class _Placed:
-    """Chunks in the world, checked, without triangles that have no area."""
+    """Chunks in world space, checked, without triangles that have no area."""
 
     chunks: Chunks
     world_from_object: Float64
@@ -130,12 +131,12 @@ class _Placed:
 
 
 def stream_of(chunks: Chunks, world_from_object: Float64, reverse: bool, location: SourceLocation) -> Stream:
-    """The stream of chunks under a map (3, 4). Raises SceneError.
+    """Return the stream of chunks under a transform (3, 4). Raises SceneError.
 
-    reverse : turn the fronts to the other side
-    location   : the shape's, for errors
+    reverse  : True swaps front and back of all triangles
+    location : location of the shape, for errors
 
-    Cost: all chunks once, for the boxes around them and the digest.
+    Cost: reads all chunks once, for their bounding boxes and the digest.
     """
     try:
         number = len(chunks)
@@ -163,7 +164,7 @@ def stream_of(chunks: Chunks, world_from_object: Float64, reverse: bool, locatio
 
 
 def _corners(given: Any, location: SourceLocation) -> NDArray[Any]:
-    """(F, 3, 3) of what a chunk is."""
+    """Return the corners (F, 3, 3) of a chunk. Raises SceneError."""
     if isinstance(given, tuple) and len(given) == 2:
         vertices, faces = np.asarray(given[0]), np.asarray(given[1])
         if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:

@@ -1,7 +1,7 @@
-"""Points and lines as what can be lit: small balls, and rods with balls where they meet.
+"""Points and lines as meshes that can be lit: small balls, and rods with balls at their ends.
 
-Of files that have nothing else: a cloud of points, a drawing of lines. Beside triangles they are a program's marks,
-and are left out.
+They are made only for files without triangles, such as point clouds and line drawings. Beside triangles, points and
+lines are marks of a program, and are left out.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from glpath.scene.tessellate import unit_sphere
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-# Radii in diagonals of all: of lines, and the minimum and the maximum of points.
+# Radii in diagonals of the bounding box: of lines, and minimum and maximum of points.
 _LINE, _MIN_POINT, _MAX_POINT = 0.004, 0.0005, 0.02
-# Of more points, balls of 20 triangles do.
+# Number of points above which balls have only 20 triangles.
 _MANY = 2_000
 _SIDES = 8
 
 
 def point_radius(points: Float64) -> float:
-    """Half of the distance from a point (N, 3) to the nearest other, in the median, within bounds."""
+    """Return half the median distance from each point (N, 3) to its nearest neighbour, within bounds."""
     from scipy.spatial import cKDTree  # slow to import
 
     diagonal = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
     if len(points) < 2 or diagonal == 0.0:
         return 0.01
-    # Of points at one position, such as corners that faces do not share, one counts.
+    # Points at one position, such as corners that faces do not share, count once.
     cells = np.floor((points - points.min(axis=0)) / (_MIN_POINT * diagonal)).astype(np.int64)
     side = int(cells.max()) + 1
     points = points[np.unique(cells @ [side * side, side, 1], return_index=True)[1]]
@@ -38,12 +38,15 @@ def point_radius(points: Float64) -> float:
 
 
 def line_radius(points: Float64) -> float:
-    """By the size of all, (N, 3)."""
+    """Return the radius of lines for the bounding box of all points (N, 3)."""
     return _LINE * float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
 
 
 def balls(points: Float64, radius: float) -> tuple[Float64, Int64, Float64, Int64]:
-    """Around points (N, 3): vertices (V, 3), faces (F, 3), normals (V, 3), and of which point each vertex is."""
+    """Return balls around points (N, 3).
+
+    The result has vertices (V, 3), faces (F, 3), normals (V, 3), and the point of each vertex, (V,).
+    """
     sphere = unit_sphere(0 if len(points) > _MANY else 1)
     ball, sides = sphere.vertices, sphere.faces.astype(np.int64)
     vertices = points[:, None] + radius * ball
@@ -53,7 +56,7 @@ def balls(points: Float64, radius: float) -> tuple[Float64, Int64, Float64, Int6
 
 
 def rods(points: Float64, lines: Int64, radius: float) -> tuple[Float64, Int64, Float64, Int64]:
-    """Along lines (L, 2) between points (N, 3); returns as `balls`, with those at the points of lines."""
+    """Return rods along lines (L, 2) between points (N, 3), with balls at their ends, in the form of `balls`."""
     start, end = points[lines[:, 0]], points[lines[:, 1]]
     long = np.linalg.norm(end - start, axis=1) > 0
     lines, start, end = lines[long], start[long], end[long]

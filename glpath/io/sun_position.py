@@ -1,7 +1,7 @@
-"""Where the sun stands, and the light of a clear day: pvlib's, which is optional: `pip install "glpath[sky]"`.
+"""Sun positions and irradiance of clear days from pvlib, which is optional: `pip install "glpath[sky]"`.
 
-Times are UTC. Altitudes are degrees above the horizon, with the refraction of standard air; azimuths degrees from
-north by east.
+Times are UTC. Altitudes are degrees above the horizon, with the refraction of standard air. Azimuths are degrees
+from north by east.
 
 Source:   Reda & Andreas 2004, Solar position algorithm for solar radiation applications, Solar Energy 76 (5), good
           to 0.0003 degrees from the year -2000 to 6000; Ineichen & Perez 2002 for the clear day.
@@ -22,12 +22,13 @@ from glpath.scene.model import Float64
 
 Times = NDArray[np.datetime64]
 
-# Degrees: the sun does not rise or set in an hour in whose middle it is farther from the horizon; it moves 15.
+# Degrees from the horizon in the middle of an hour beyond which the sun does not rise or set in that hour. It moves
+# 15 degrees an hour.
 _LOW = 12.0
 
 
 class SunPosition(NamedTuple):
-    """(N,) float64 each, degrees: above the horizon, and from north by east."""
+    """Altitude above the horizon, and azimuth from north by east: (N,) float64 each, degrees."""
 
     altitude: Float64
     azimuth: Float64
@@ -35,9 +36,9 @@ class SunPosition(NamedTuple):
 
 @contextmanager
 def quiet_pvlib() -> Iterator[Any]:
-    """Context with the module pvlib, in which it and its libraries give no warning.
+    """Yield the module pvlib, in a context in which pvlib and its libraries give no warnings.
 
-    Raises GlpathError with the line to type if it is missing.
+    Raises GlpathError with the command that installs pvlib if it is missing.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -52,12 +53,12 @@ def quiet_pvlib() -> Iterator[Any]:
 
 
 def sun_positions(times: Times, latitude: float, longitude: float, elevation: float = 0.0) -> SunPosition:
-    """At times (N,), UTC, of a site.
+    """Return the sun positions at times (N,), UTC, for a site.
 
     latitude, longitude : degrees, north and east
     elevation           : metres above the sea, for refraction
 
-    Raises GlpathError where pvlib is missing.
+    Raises GlpathError if pvlib is missing.
     """
     with quiet_pvlib() as pvlib:
         found = pvlib.solarposition.get_solarposition(_index(times), latitude, longitude, altitude=elevation)
@@ -67,10 +68,11 @@ def sun_positions(times: Times, latitude: float, longitude: float, elevation: fl
 
 
 def sun_of_hours(begin: Times, latitude: float, longitude: float, elevation: float = 0.0) -> SunPosition:
-    """Of the hours that begin at times (N,): where the sun stands in their middle.
+    """Return the sun positions in the middle of the hours that begin at times (N,).
 
-    Of an hour in which it rises or sets: where it stands in the middle of the time that it is up, or else the light
-    of that hour would come from below the horizon. An altitude below 0 means that it is down all the hour.
+    If the sun rises or sets in an hour, its position is that in the middle of the time above the horizon. In the
+    middle of such an hour it may be below the horizon, although the hour has light. An altitude below 0 means that
+    the sun is down for the whole hour.
     """
     begin = np.asarray(begin, "datetime64[s]")
     middle = sun_positions(begin + _seconds(0.5), latitude, longitude, elevation)
@@ -100,9 +102,9 @@ def _index(times: Times) -> Any:
 
 
 def clear_day(times: Times, latitude: float, longitude: float) -> tuple[Float64, Float64]:
-    """(N,) each, W m^-2: direct on a surface that faces the sun, and diffuse on a horizontal one, without clouds.
+    """Return the irradiance of a cloudless sky, (N,) each, W m^-2: direct normal, and diffuse horizontal.
 
-    The haze is the climate's, of the month, by the tables that pvlib has.
+    The haze is the climate's mean of the month, from tables of pvlib.
 
     times : (N,), UTC
     """

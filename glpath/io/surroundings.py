@@ -1,7 +1,7 @@
-"""What surrounds a scene, whatever file it comes from: an environment map as its sky, and a background.
+"""Surroundings of a scene from any kind of file: an environment map as its sky, and a background.
 
-Parameters that every scene has (`load_scene`); a scene file's own sky is in `glpath.io.lights`. An environment
-replaces that sky, and the light that stands in for missing light. The file's other lights stay.
+Every scene has these parameters (`load_scene`); a scene file's own sky is in `glpath.io.lights`. An environment
+replaces that sky, and the light that is added if a scene has none. Other lights of the file stay.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from glpath.scene.source_location import SourceLocation
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Parameters of every scene.
+    """Parameters that every scene has.
 
-    Raises UsageError where one has no meaning without another.
+    Raises UsageError if a parameter has no meaning without another that is missing.
     """
 
     environment: Annotated[
@@ -65,7 +65,10 @@ class Surroundings:
     def taken_from(
         cls, parameters: Mapping[str, object] | None, location: SourceLocation
     ) -> tuple[Surroundings, dict[str, Any]]:
-        """Those among parameters, which may be text, and the other parameters. Raises SceneError."""
+        """Return the surroundings among parameters, which may be text, and the other parameters.
+
+        Raises SceneError.
+        """
         hints = get_type_hints(cls, include_extras=True)
         values: dict[str, Any] = {}
         others: dict[str, Any] = {}
@@ -83,11 +86,11 @@ class Surroundings:
         return cls(**values), others
 
     def around(self, scene: Scene) -> Scene:
-        """The scene in these surroundings. Raises SceneError for a file that is no environment map."""
+        """Return the scene in these surroundings. Raises SceneError if the file is no environment map."""
         own = scene.background
         if self.environment is not None:
             location = SourceLocation(scene.source or scene.name)
-            up = scene.camera.up if scene.sky is None else scene.sky.up  # of any length
+            up = scene.camera.up if scene.sky is None else scene.sky.up  # need not be a unit vector
             scale = 2.0 ** (self.environment_exposure or 0.0)
             sky = environment_map(
                 self.environment, scale, self.environment_rotation or 0.0, up, location.field("environment")
@@ -103,5 +106,5 @@ class Surroundings:
         return with_plain_background(scene, ground) if self.background == "plain" else scene
 
 
-#: Their names.
+#: Names of the fields of `Surroundings`.
 SURROUNDINGS = tuple(field.name for field in fields(Surroundings))

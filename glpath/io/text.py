@@ -1,8 +1,8 @@
 """Statements and numbers of text formats: OBJ, MTL, OFF, STL and PLY.
 
-Statements are indented, separated by tabs, continued on the next line after a backslash, followed by comments.
-Names, such as `Material #25`, are as they are written: only a backslash between blanks continues their line, as a
-letter of Shift-JIS may end in that byte. The text is UTF-8, UTF-16 or, in old files, Latin-1.
+Statements may be indented, separated by tabs, continued on the next line after a backslash, and followed by
+comments. Names, such as `Material #25`, are kept as written. Only a backslash after a blank continues the line of a
+name, because a letter of Shift-JIS may end in that byte. The text is UTF-8, UTF-16 or, in old files, Latin-1.
 """
 
 from __future__ import annotations
@@ -18,24 +18,25 @@ from numpy.typing import NDArray
 from glpath.scene.source_location import SourceLocation
 from glpath.system.numerals import real
 
-# `1.#QNAN` and `1.#INF` of Microsoft's old C library, in which # begins no comment, and `nan(ind)` of its new one.
+# NaN and infinity as Microsoft's C libraries write them: `1.#QNAN` and `1.#INF`, in which # begins no comment, in
+# the old one, and `nan(ind)` in the new one.
 _NAN = re.compile(r"\b1\.#(?:QNAN|SNAN|IND)\d*|(?<![^\s+-])nan\([^)\s]*\)(?!\S)", re.IGNORECASE)
 _INFINITE = re.compile(r"\b1\.#(?:INF|J)\d*", re.IGNORECASE)
-# Statements of names, which may look like numbers and have # in them.
+# Keywords of statements with a name, which may look like a number or contain #.
 _OF_NAMES = re.compile(
     r"\s*(map_\w+|bump|norm|disp|decal|refl|usemtl|newmtl|mtllib|usemap|maplib|[og])[ \t]", re.IGNORECASE
 )
-# Others than these, such as U+0085, may be halves of letters in files of unknown encoding.
+# Blanks that separate words. Others, such as U+0085, may be halves of letters in files of unknown encoding.
 _BLANKS = " \t"
 _CONTINUED = tuple(f"{blank}\\" for blank in _BLANKS)
-# How most lines begin, which are never of names.
+# First letters of most lines, which never hold names.
 _OF_NUMBERS = frozenset("vf")
 
 
 def statements(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Return the words of each statement, and the number of the line on which it begins, from 1.
+    """Yield the number of the line on which each statement begins, from 1, and the words of the statement.
 
-    A statement of names has two words: its keyword, and all that follows.
+    A statement with a name has two words: its keyword, and all that follows.
     """
     for number, line in _lines(text):
         if words := line.split() if line[:1] in _OF_NUMBERS else _words(line):
@@ -49,7 +50,10 @@ def _words(line: str) -> list[str]:
 
 
 def decoded(content: bytes) -> str:
-    """Return the text, whose geometry is ASCII in any case, without the Ctrl-Z by which old programs end it."""
+    """Return the decoded text, without the Ctrl-Z that old programs write at the end.
+
+    Geometry is ASCII in any encoding, so only names depend on it.
+    """
     text = _decoded(content)
     return text.rstrip("\x1a\r\n") if "\x1a" in text[-8:] else text
 
@@ -71,14 +75,14 @@ def _decoded(content: bytes) -> str:
 
 
 def with_plain_nan(text: str) -> str:
-    """Return text with NaN and infinity as `nan` and `inf`, however a C library wrote them."""
+    """Return text with NaN and infinity spelt `nan` and `inf`, also if a C library wrote other forms."""
     if "#" in text or "(" in text:
         return _INFINITE.sub("inf", _NAN.sub("nan", text))
     return text
 
 
 def parse_numbers(text: str) -> NDArray[np.float64]:
-    """Return the numbers of a text, with blanks between them. Raises ValueError, which names another word."""
+    """Return the numbers of a text that blanks separate. Raises ValueError that names the first other word."""
     if not text:
         return np.zeros(0)
     try:
@@ -90,10 +94,10 @@ def parse_numbers(text: str) -> NDArray[np.float64]:
 
 
 def parse_lines(texts: Iterable[str], lines: Iterable[int], source: str) -> NDArray[np.float64]:
-    """Return the numbers of texts, one text after the other. Raises SceneError, with the line, for other words.
+    """Return the numbers of all texts in one array. Raises SceneError with the line of a word that is not a number.
 
-    lines  : of the file, from 1, for each text
-    source : the file
+    lines  : line of the file, from 1, for each text
+    source : name of the file
     """
     texts = list(texts)
     try:
@@ -117,9 +121,9 @@ def _number(word: str) -> float:
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
-    """Statements without comments, and the number of the line on which each begins, from 1."""
+    """Yield the number of the line on which each statement begins, from 1, and its text without comments."""
     begun, before = 0, ""
-    # Not splitlines, which knows ends of lines that are letters in Latin-1.
+    # str.splitlines also splits at characters such as U+0085, which may be halves of letters.
     for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
         begun, line = begun or number, line.rstrip(_BLANKS)
         if "#" in line or "(" in line or line.endswith("\\"):

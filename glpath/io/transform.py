@@ -1,4 +1,4 @@
-"""The transform of a shape: its steps as one matrix [pyrr]."""
+"""Transform of a shape: its steps combined into one matrix [pyrr]."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from glpath.system.pyrr_matrices import matrix44
 
 
 def world_from_shape(steps: Sequence[Step], location: SourceLocation) -> Float64:
-    """(4, 4) float64 for column vectors: the product of all steps, the first one applied first.
+    """Return the (4, 4) float64 product of all steps, for column vectors; the first step is applied first.
 
-    Raises SceneError at `location` of the list: for a step that is none or several, a zero axis, a singular matrix.
+    location : location of the list of steps
+
+    Raises SceneError for a step that is none or several of the allowed kinds, a zero axis, or a singular matrix.
     """
     matrix = np.identity(4)
     for index, step in enumerate(steps):
@@ -25,9 +27,9 @@ def world_from_shape(steps: Sequence[Step], location: SourceLocation) -> Float64
 
 
 def mirrors(matrix: Float64) -> bool:
-    """Whether it reverses the order of a triangle's corners, so that its front would be its back.
+    """Return True if a matrix reverses the order of a triangle's corners, so that its front becomes its back.
 
-    Not by LAPACK, which divides by pivots however small a rotation makes them.
+    LAPACK is not used, because it divides by pivots, which a rotation may make very small.
     """
     x, y, z = matrix[:3, :3]
     return bool(np.cross(x, y) @ z < 0)
@@ -56,7 +58,7 @@ def _matrix_of_step(step: Step, location: SourceLocation) -> Float64:
 
 
 def _column_vector(matrix: Float64) -> Float64:
-    """pyrr multiplies row vectors from the left; we multiply column vectors from the right."""
+    """Return the matrix for column vectors, given pyrr's matrix for row vectors."""
     return np.asarray(matrix, np.float64).T
 
 

@@ -1,9 +1,10 @@
-"""Guess the up axis of a scene whose format does not fix it, for the camera and the studio that it lacks.
+"""Guess the up axis of a scene whose format does not fix it, for the camera and the studio that are added.
 
-A guess is z, or nothing: without evidence y stays up. Evidence is a ground that all else stands on, a surface that
-faces upwards nearly everywhere, a flat base, or a small extent. Evidence for y as well is none for z.
+The guess is z if there is evidence for it; otherwise y stays up. Evidence is a ground below everything else, a
+surface that faces upwards nearly everywhere, a flat base, or a small extent. If y has the same evidence, it does
+not count for z.
 
-Poor at: rooms, whose walls are like their floor, and boxes. Cost: a pass over the triangles.
+Poor at: rooms, whose walls are like their floor, and boxes. Cost: one pass over the triangles.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from msgspec import Meta
 from glpath.scene.model import Float64, Mesh, Scene
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
-#: A parameter of all scenes whose format does not say what is up.
+#: Parameter of all scenes whose format does not fix the up axis.
 Up = Annotated[
     Literal["guess", "x", "y", "z", "-x", "-y", "-z"],
     Meta(
@@ -25,18 +26,18 @@ Up = Annotated[
         "evidence such as a ground or a base, else y"
     ),
 ]
-#: Suffixes of formats whose files lie flat more often than they stand: prints and scans.
+#: Suffixes of formats for prints and scans, whose objects more often lie flat than stand.
 LYING = (".stl", ".ply")
 
-# Fraction of an extent within which faces are at its end, and cosine from which on they lie across it.
+# Fraction of an extent within which faces are at its end, and minimum cosine of faces that are perpendicular to it.
 _END, _ACROSS = 0.01, 0.98
-# Least fraction of the footprint for a ground and for a base, and the most that the other axis may have of it.
+# Minimum fractions of the footprint for a ground and for a base, and maximum fraction along the other axis.
 _GROUND, _BASE, _OTHER = 0.5, 0.3, 0.05
-# Least fraction for a ground that shows its back, which the base of a body does as well.
+# Minimum fraction for a ground whose back is above, because the base of a body faces downwards as well.
 _WHOLE = 0.95
-# Fraction of a surface that faces upwards, and height over width below which a thing is flat.
+# Minimum fraction of a surface that faces upwards, and ratio of height to width below which an object is flat.
 _UPWARDS, _FLAT = 0.9, 0.25
-# Height over width below which all lies in a plane, and either axis may be up.
+# Ratio of height to width below which everything lies in a plane, and either axis may be up.
 _PLANE = 1e-6
 
 
@@ -47,13 +48,13 @@ def axis_vector(axis: Axis) -> Float64:
 
 @dataclass(frozen=True)
 class _Faces:
-    """Areas of faces by an axis, as fractions of the footprint along it.
+    """Areas of faces seen along an axis, as fractions of the footprint along that axis.
 
-    ground   : at the lower end, fronts upwards
-    base     : at the lower end, fronts downwards
-    top      : at the upper end
-    upwards  : fraction of the surface, seen along the axis, with its fronts upwards
-    covered  : area of the surface seen along the axis
+    ground   : area at the lower end, with fronts upwards
+    base     : area at the lower end, with fronts downwards
+    top      : area at the upper end
+    upwards  : fraction of the seen surface whose fronts face upwards
+    covered  : area of the whole surface
     """
 
     ground: float
@@ -64,16 +65,16 @@ class _Faces:
 
 
 def evidence_for_z(scene: Scene, lying: bool) -> str | None:
-    """Return the evidence that z is up, as the end of a sentence; None if there is none, or some for y as well.
+    """Return the evidence that z is up, as the end of a sentence; None without evidence, or if y has it as well.
 
-    lying : flat things are of a format of `LYING`
+    lying : True if the format is one of `LYING`
     """
     lower, upper = scene.bounds
     wide, deep, high = upper - lower
     if not high > _PLANE * max(wide, deep) or not min(wide, deep) > 0:
         return None
     of_y, of_z = _faces(scene, lower, upper)
-    sheet = of_z.base >= _WHOLE and of_y.base < _OTHER and of_z.top < _GROUND  # with its front below
+    sheet = of_z.base >= _WHOLE and of_y.base < _OTHER and of_z.top < _GROUND  # its front is below
     is_low = high <= min(wide, deep)
     if is_low and of_y.ground < _OTHER and (of_z.ground >= _GROUND or sheet):
         return f"a ground at z = {lower[2]:.4g} lies below all else"
@@ -88,7 +89,7 @@ def evidence_for_z(scene: Scene, lying: bool) -> str | None:
 
 
 def _faces(scene: Scene, lower: Float64, upper: Float64) -> tuple[_Faces, _Faces]:
-    """Areas of faces by y and by z."""
+    """Return the areas of faces along y and along z."""
     axes = (1, 2)
     near = _END * (upper - lower)
     sums = np.zeros((2, 5))
@@ -105,11 +106,13 @@ def _faces(scene: Scene, lower: Float64, upper: Float64) -> tuple[_Faces, _Faces
 
 
 def _areas(seen: Float64, across: Float64, heights: Float64, low: float, high: float) -> tuple[float, ...]:
-    """Areas of ground, base and top, and of all fronts upwards and downwards.
+    """Return the areas of ground, base and top, and of all fronts upwards and all fronts downwards.
 
-    seen    : (n,) areas seen along an axis, negative for fronts downwards
-    across  : (n,) least of these for faces that lie across the axis
-    heights : (n, 3) of corners along the axis; `low` and `high` are those of the ends
+    seen    : (n,) areas of faces seen along an axis, negative if the front faces downwards
+    across  : (n,) minimum seen area of a face that counts as perpendicular to the axis
+    heights : (n, 3) coordinates of the corners along the axis
+    low     : upper limit of the lower end
+    high    : lower limit of the upper end
     """
     is_across = np.abs(seen) >= across
     at_low = is_across & (heights.max(axis=1) <= low)
@@ -124,7 +127,7 @@ def _areas(seen: Float64, across: Float64, heights: Float64, low: float, high: f
 
 
 def _fractions(areas: Float64, sides: Float64) -> _Faces:
-    """Areas of `_areas` over the footprint of these two sides."""
+    """Return the areas of `_areas` as fractions of the footprint, a rectangle with these two sides."""
     footprint, total = float(np.prod(sides)) or 1.0, float(areas[3] + areas[4])
     ground, base, top = (float(area) / footprint for area in areas[:3])
     return _Faces(ground, base, top, float(areas[3]) / total if total else 0.0, total / footprint)

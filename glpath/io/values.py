@@ -1,4 +1,4 @@
-"""Colours, directions, file names and numbers of scenes and meshes: what their types cannot check."""
+"""Checks of colours, directions, file names and numbers of scenes and meshes that types cannot express."""
 
 from __future__ import annotations
 
@@ -15,23 +15,26 @@ from glpath.scene.geometry import LARGEST as LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation, shown
 
-#: The smallest size of a scene: its square, even multiplied by 1e-7, is a normal number of 32 bits.
+#: Minimum size of a scene in scene units. Its square times 1e-7 is still a normal 32-bit number.
 SMALLEST = 1e-15
 
 
 def as_float64(stored: ArrayLike) -> Float64:
-    """Return numbers of a file as float64. numpy warns of signalling NaNs, which readers treat as any other NaN."""
+    """Return numbers of a file as float64, without numpy's warnings of signalling NaNs.
+
+    Readers treat signalling NaNs as any other NaN.
+    """
     with np.errstate(invalid="ignore"):
         return np.array(stored, np.float64)
 
 
 def rgb(value: ArrayLike) -> Float64:
-    """(3,) float64 of one number for grey or three."""
+    """Return (3,) float64 of three numbers, or of one number for grey."""
     return np.array(np.broadcast_to(np.asarray(value, np.float64), 3))
 
 
 def light(value: ArrayLike, location: SourceLocation) -> Float64:
-    """(3,) float64 of radiance, intensity or irradiance. Raises SceneError for a negative one."""
+    """Return a radiance, intensity or irradiance as (3,) float64. Raises SceneError if it is negative."""
     colour = rgb(value)
     if np.any(colour < 0):
         raise location.wrong(value, "0 or more", "Light cannot be negative.")
@@ -39,7 +42,7 @@ def light(value: ArrayLike, location: SourceLocation) -> Float64:
 
 
 def share(value: ArrayLike, location: SourceLocation, remedy: str) -> Float64:
-    """(3,) float64 in [0, 1]. Raises SceneError with `remedy` otherwise."""
+    """Return a colour as (3,) float64 in [0, 1]. Raises SceneError with `remedy` if it is outside."""
     colour = rgb(value)
     if np.any((colour < 0) | (colour > 1)):
         raise location.wrong(value, "between 0 and 1", remedy)
@@ -47,7 +50,7 @@ def share(value: ArrayLike, location: SourceLocation, remedy: str) -> Float64:
 
 
 def unit(vector: ArrayLike, location: SourceLocation, example: str) -> Float64:
-    """(3,) float64 of length 1 along `vector`. Raises SceneError, with an example, for a zero one."""
+    """Return the (3,) float64 unit vector along `vector`. Raises SceneError with an example if it is zero."""
     direction = np.asarray(vector, np.float64)
     length = np.linalg.norm(direction)
     if not length > 0:
@@ -56,7 +59,7 @@ def unit(vector: ArrayLike, location: SourceLocation, example: str) -> Float64:
 
 
 def unknown(kind: str, name: str, known: Sequence[str], location: SourceLocation, define: str) -> SceneError:
-    """The error for `name`, which is none of the `known` names of materials or textures (`kind`, singular)."""
+    """Return the error for `name`, which is not a known name of a material or texture (`kind`, singular)."""
     near = difflib.get_close_matches(name, known, 1)
     listed = ", ".join(known) or f"no {kind}s"
     return location.error(
@@ -66,7 +69,7 @@ def unknown(kind: str, name: str, known: Sequence[str], location: SourceLocation
 
 
 def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
-    """The files of these suffixes beside one not found, the most alike first; `kind` begins the sentence."""
+    """Return a sentence, begun by `kind`, on files with these suffixes beside a missing one, most similar first."""
     if not os.path.isdir(path.parent):
         return f"There is no folder {path.parent} either. A relative path starts at the folder of the scene file."
     others = [file.name for file in path.parent.iterdir() if file.suffix.lower() in formats]
@@ -76,7 +79,7 @@ def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
 
 
 def finite_rows(values: Float64, name: str, left_out: dict[str, int]) -> Float64:
-    """Return rows (N, k) with zeros for those that are not finite, which `left_out` counts by name."""
+    """Return rows (N, k) with zeros for rows that are not finite; `left_out` gets their count under `name`."""
     broken = ~np.asarray(np.isfinite(values).all(axis=1))
     if not broken.any():
         return values
@@ -85,9 +88,9 @@ def finite_rows(values: Float64, name: str, left_out: dict[str, int]) -> Float64
 
 
 def warn_of_left_out(source: str, counts: Mapping[str, int]) -> None:
-    """Warn once of all that is left out of a file; `counts` are by names such as "normals that are not finite".
+    """Warn once of all parts left out of a file; `counts` has names such as "normals that are not finite".
 
-    Several files of a scene have one warning for each name.
+    Several files of a scene share one warning for each name.
     """
     listed = [f"{name} ({count:,})" for name, count in counts.items() if count]
     causes = {f"{name} are left out": count for name, count in counts.items() if count}
@@ -96,7 +99,7 @@ def warn_of_left_out(source: str, counts: Mapping[str, int]) -> None:
 
 
 def no_such_vertex(location: SourceLocation, vertex: int, count: int) -> SceneError:
-    """The error for a face with a vertex that is not one of `count`."""
+    """Return the error for a face with a vertex that is not one of `count`."""
     return location.error(
         f"names vertex {vertex}, but the mesh has {count} vertices (0 to {count - 1}).",
         "Face indices count from 0; OBJ files count from 1.",

@@ -2,7 +2,7 @@
 
     found.to_vtk("cornell-box").save("room.vtp")
 
-Cost:   the arrays once more, in base64.
+Cost:   a copy of the arrays in base64.
 Source: Kitware, VTK XML file formats, PolyData (.vtp) and UnstructuredGrid (.vtu), inline base64.
 """
 
@@ -24,7 +24,7 @@ from glpath.system.files import whole_file
 from glpath.system.frames import package
 
 _TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
-# VTK's numbers of a vertex, a triangle, a quadrilateral and any polygon.
+# VTK's types of cells, by number of corners: vertex, triangle, quadrilateral; and its type of other polygons.
 _CELLS = {1: 1, 3: 5, 4: 9}
 _POLYGON = 7
 
@@ -34,9 +34,9 @@ class VtkMesh:
     """Polygons, or points alone, with values.
 
     points      : (V, 3) float64
-    polygons    : of each cell the numbers of its points; one number each of points alone
-    cell_data   : (C,) or (C, k) by name: values on cells
-    point_data  : (V,) or (V, k) by name: values on points
+    polygons    : indices of the points of each cell; a cell of a point alone has one index
+    cell_data   : values on cells by name, (C,) or (C, k) each
+    point_data  : values on points by name, (V,) or (V, k) each
     """
 
     points: NDArray[np.float64]
@@ -58,7 +58,7 @@ class VtkMesh:
 
     @property
     def connectivity(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """The numbers of the points of all cells, one after the other, and where each cell ends."""
+        """Indices of the points of all cells in one array, and the end of each cell in it."""
         ends = np.cumsum([len(polygon) for polygon in self.polygons], dtype=np.int64)
         flat = np.fromiter(
             (v for polygon in self.polygons for v in polygon), np.int64, int(ends[-1]) if len(ends) else 0
@@ -68,7 +68,7 @@ class VtkMesh:
     def save(self, path: str | Path) -> None:
         """Write a .vtp (PolyData) or .vtu (UnstructuredGrid), whole or not at all.
 
-        Raises UsageError for another suffix, ImageError where it cannot be written.
+        Raises UsageError for another suffix, and ImageError if the file cannot be written.
         """
         target = Path(path)
         suffix = target.suffix.lower()
@@ -78,11 +78,11 @@ class VtkMesh:
             temporary.write_text(self._xml(suffix == ".vtu"), encoding="ascii")
 
     def to_pyvista(self) -> Any:
-        """A `pyvista.PolyData`. Raises GlpathError where PyVista is missing."""
+        """Return a `pyvista.PolyData`. Raises GlpathError if PyVista is missing."""
         pyvista = package("pyvista")
         flat, ends = self.connectivity
         begins = np.concatenate([[0], ends[:-1]])
-        cells = np.insert(flat, begins, np.diff(ends, prepend=0))  # the count before the numbers of each
+        cells = np.insert(flat, begins, np.diff(ends, prepend=0))  # the count precedes the indices of each cell
         alone = all(len(polygon) == 1 for polygon in self.polygons)
         mesh = pyvista.PolyData(self.points, **{"verts" if alone else "faces": cells})
         for data, own in ((self.cell_data, mesh.cell_data), (self.point_data, mesh.point_data)):
@@ -114,7 +114,7 @@ class VtkMesh:
 
 
 def points_with_values(points: Any, values: Mapping[str, Any]) -> VtkMesh:
-    """Points alone (N, 3), each a cell, with values by name, each (N,) or (N, k)."""
+    """Return points alone (N, 3), each a cell, with values by name, each (N,) or (N, k)."""
     at = np.asarray(points, np.float64)
     if at.ndim != 2 or at.shape[1:] != (3,):
         raise UsageError(f"points: of shape {at.shape} where (N, 3) is needed.")
@@ -130,7 +130,7 @@ def _arrays(data: Mapping[str, Any]) -> list[str]:
 
 
 def _array(name: str, values: NDArray[Any]) -> str:
-    """A DataArray: base64 of its size in bytes, then of itself."""
+    """Return a DataArray element: base64 of its size in bytes and of its values."""
     kind = values.dtype.str[1:] if values.dtype.str[1:] in _TYPES else "f8"
     content = np.ascontiguousarray(values, f"<{kind}").tobytes()
     columns = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""

@@ -1,12 +1,12 @@
-"""Weather files: the direct and diffuse light of each hour of a year, and where the sun stands: EPW and TMY3.
+"""Weather files (EPW and TMY3): direct and diffuse irradiance of each hour of a year, and positions of the sun.
 
-The numbers of an hour are means over it. So the sun of an hour is that of its middle (`sun_of_hours`). Times are
-local standard time, without summer time, as in the files.
+The numbers of an hour are means over it, so the sun position is that in the middle of the hour (`sun_of_hours`).
+Times are local standard time, without summer time, as in the files.
 
 Cost:     half a second for a year; pvlib reads the files (`glpath[sky]`).
 Poor at:  files with several rows an hour, which are refused.
 Source:   EnergyPlus 24.1, Auxiliary programs: EPW data dictionary. Wilcox & Marion 2008, Users manual for TMY3 data
-sets.
+          sets.
 """
 
 from __future__ import annotations
@@ -31,41 +31,42 @@ from glpath.system.numerals import real
 
 #: Suffixes of weather files.
 WEATHER_FILES = (".epw", ".csv")
-#: Of a file whose hours are of several years: what its dates are taken to be of.
+#: Year to which the dates of a file are assigned if its hours are from several years.
 TYPICAL_YEAR = 2023
 # Maximum size of a file, ten times that of a year, bytes.
 _MAX_BYTES = 2**24
-# Irradiance from here on is a mark for what is missing, W m^-2.
+# Minimum irradiance that marks a missing value, W m^-2.
 _MISSING = 9000.0
-# An EPW file: lines before the first hour, the last of these, the one about leap years, and fields of a row.
+# EPW files: number of lines before the first hour, first word of the last of these, first word of the line about
+# leap years, and number of fields of a row.
 _EPW_HEAD, _EPW_LAST, _EPW_HOLIDAYS, _EPW_FIELDS = 8, "DATA PERIODS", "HOLIDAYS/DAYLIGHT SAVING", 35
-# Lines before the first hour of a TMY3 file.
+# Number of lines before the first hour of a TMY3 file.
 _TMY3_HEAD = 2
 # Lowest irradiance that counts as noise of a pyranometer around 0, W m^-2.
 _MIN_NOISE = -20.0
-# Of the year's global light: what the sun and the sky may differ from it by, without a warning.
+# Maximum difference between the light of sun and sky and the year's global light without a warning, as a fraction.
 _CLOSURE = 0.15
-# Metres above the sea of the ground, with a margin.
+# Range of ground altitudes with a margin, metres above the sea.
 _ALTITUDES = -1000, 10000
-# Degrees that a time zone may be off its longitude, without a warning.
+# Maximum difference between a time zone and its longitude without a warning, degrees.
 _ZONE = 45.0
 
 
 @dataclass(frozen=True, eq=False)
 class Weather:
-    """The hours of a year, or of a part of it.
+    """Weather of the hours of a year, or of a part of it.
 
-    source             : the file
-    site              : its name there
+    source              : name of the file
+    site                : name of the site in the file
     latitude, longitude : degrees, north and east
-    time_zone          : hours east of Greenwich
-    elevation          : metres above the sea
-    times              : (H,) datetime64[s] in local standard time, at which the hours begin, ascending
-    direct_normal      : (H,) float64, W m^-2 of a surface that faces the sun
-    diffuse_horizontal : (H,) float64, W m^-2 of a horizontal surface by the sky alone
-    dew_point          : (H,) float64, degrees Celsius; NaN where the file has none
-    missing            : hours whose irradiance the file does not know, which count as dark
-    after_dark         : hours with light in which the sun is down all along, which count as dark
+    time_zone           : hours east of Greenwich
+    elevation           : metres above the sea
+    times               : (H,) datetime64[s] in local standard time, at which the hours begin, ascending
+    direct_normal       : (H,) float64, irradiance of a surface that faces the sun, W m^-2
+    diffuse_horizontal  : (H,) float64, irradiance of a horizontal surface by the sky alone, W m^-2
+    dew_point           : (H,) float64, degrees Celsius; NaN if the file has none
+    missing             : number of hours without irradiance in the file, which count as dark
+    after_dark          : number of hours with light although the sun is down throughout, which count as dark
     """
 
     source: str
@@ -83,38 +84,41 @@ class Weather:
 
     @cached_property
     def utc(self) -> Times:
-        """(H,) datetime64[s], at which the hours begin."""
+        """Times in UTC at which the hours begin, (H,) datetime64[s]."""
         return np.asarray(self.times - np.timedelta64(round(3600 * self.time_zone), "s"))
 
     @cached_property
     def sun(self) -> SunPosition:
-        """(H,) degrees: altitude, below 0 where it is down all the hour, and azimuth from north by east."""
+        """Sun position of each hour, (H,) degrees: altitude, and azimuth from north by east.
+
+        The altitude is below 0 if the sun is down throughout the hour.
+        """
         return sun_of_hours(self.utc, self.latitude, self.longitude, self.elevation)
 
     @property
     def water(self) -> Float64:
-        """(H,) precipitable, cm."""
+        """Precipitable water of each hour, (H,) cm."""
         known = np.isfinite(self.dew_point)
         return np.where(known, precipitable_water(np.where(known, self.dew_point, 0.0)), PRECIPITABLE_WATER)
 
     @cached_property
     def skies(self) -> PerezSky:
-        """The all-weather sky of each hour."""
+        """All-weather sky of each hour."""
         day = (self.times.astype("datetime64[D]") - self.times.astype("datetime64[Y]")).astype(np.int64) + 1
         return PerezSky.of(self.direct_normal, self.diffuse_horizontal, self.sun.altitude, extraterrestrial(day))
 
     @property
     def direct_illuminance(self) -> Float64:
-        """(H,) lx of a surface that faces the sun, by Perez' efficacy."""
+        """Illuminance of a surface that faces the sun, (H,) lx, by Perez' efficacy."""
         return self.direct_normal * self.skies.direct_efficacy(self.water)
 
     @property
     def diffuse_illuminance(self) -> Float64:
-        """(H,) lx of a horizontal surface by the sky alone, by Perez' efficacy."""
+        """Illuminance of a horizontal surface by the sky alone, (H,) lx, by Perez' efficacy."""
         return self.diffuse_horizontal * self.skies.diffuse_efficacy(self.water)
 
     def hour_of(self, time: np.datetime64) -> int:
-        """The index of the hour that a local standard time lies in; its year does not count.
+        """Return the index of the hour that contains a local standard time; the year of that time is ignored.
 
         Raises SceneError for an hour that the file does not have.
         """
@@ -129,12 +133,12 @@ class Weather:
 
 
 def read_weather(path: Path | str) -> Weather:
-    """The weather of an EPW or TMY3 file.
+    """Return the weather of an EPW or TMY3 file.
 
-    Warns with SceneWarning of hours that are missing, of irradiance that is, of light after dark, and of a sun that
-    does not fit the light: of another hemisphere or time zone.
+    Warns with SceneWarning of missing hours, of missing irradiance, and of a time zone far from the longitude.
+    Warns also if sun positions do not fit the light, as after dark or for another hemisphere.
 
-    Raises SceneError for a file that is none, or broken; GlpathError where pvlib is missing.
+    Raises SceneError if the file is not a weather file, or is broken; GlpathError if pvlib is missing.
     """
     path = Path(path)
     if path.suffix.lower() not in WEATHER_FILES:
@@ -170,12 +174,12 @@ def _epw(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
 
 
 def _plain_epw(text: str, path: Path) -> tuple[str, list[int]]:
-    """Return the text of an EPW file that EnergyPlus reads in the form that pvlib reads, and the lines of its rows.
+    """Return the text of an EPW file in the form that pvlib reads, and the line numbers of its rows, from 1.
 
-    Its head has no comments, its rows have all fields, its hours are from 1 to 24, and it has no 29 February that
-    the head does not allow. A field that is missing at the end of a row is empty. Lines are counted from 1.
+    EnergyPlus reads more forms. The result has no comments in its head, all fields in each row, hours from 1 to 24,
+    and no 29 February that the head does not allow. A field that is missing at the end of a row is empty.
     """
-    # Not splitlines, which knows ends of lines that are letters in Latin-1.
+    # str.splitlines also splits at characters such as U+0085, which may be halves of letters.
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     last = [number for number, line in enumerate(lines) if line.upper().startswith(_EPW_LAST)]
     first = last[0] + 1 if last else _EPW_HEAD
@@ -190,7 +194,7 @@ def _plain_epw(text: str, path: Path) -> tuple[str, list[int]]:
 
 
 def _without_leap_day(rows: dict[int, list[str]], head: list[str], path: Path) -> dict[int, list[str]]:
-    """Return rows without 29 February, as EnergyPlus does, if the head says that no leap year was observed."""
+    """Return rows without 29 February, as EnergyPlus does, if the head says that leap years are not observed."""
     holidays = next((line for line in head if line.upper().startswith(_EPW_HOLIDAYS)), "")
     if not holidays.partition(",")[2].strip().upper().startswith("N"):
         return rows
@@ -205,7 +209,7 @@ def _without_leap_day(rows: dict[int, list[str]], head: list[str], path: Path) -
 
 
 def _with_hours_from_one(rows: dict[int, list[str]], path: Path) -> dict[int, list[str]]:
-    """Return rows of an EPW file with hours from 1 to 24, also if they are from 0 to 23."""
+    """Return rows of an EPW file with hours from 1 to 24. Hours from 0 to 23 are renumbered, with a warning."""
     hours = {row[3].strip() for row in rows.values()}
     if not hours & {"0", "00"} or "24" in hours or not all(hour.isdecimal() for hour in hours):
         return rows
@@ -221,7 +225,8 @@ def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
         )
     _check_head(text, path, 3)
     table, site = _parsed("read_tmy3", text, path, map_variables=True)
-    # Its times are the ends of the hours. February has 28 days, though its year may be a leap year.
+    # TMY3 times are the ends of the hours. February has 28 days even in a leap year, so an hour that then begins at
+    # 23:00 on 29 February is moved to 28 February.
     begin = _without_zone(table) - np.timedelta64(3600, "s")
     month, day, hour = _in_year(begin)
     alone = (month == 1) & (day == 28) & (hour == 23) & (np.append([0], day[:-1]) == 27)
@@ -232,7 +237,10 @@ def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
 
 
 def _check_head(text: str, path: Path, first: int) -> None:
-    """Raise SceneError unless latitude, longitude, time zone and altitude are numbers, in line 1 from a word on."""
+    """Raise SceneError unless line 1 has numbers for latitude, longitude, time zone and altitude.
+
+    first : index of the word that holds the latitude
+    """
     for word in text.partition("\n")[0].split(",")[first : first + 4]:
         try:
             real(word)
@@ -251,7 +259,7 @@ def _parsed(reader: str, text: str, path: Path, **how: Any) -> tuple[Any, dict[s
             site[name] = float(site[name])
     except GlpathError:
         raise
-    # What a broken file makes of pvlib and pandas is of any kind.
+    # Broken files make pvlib and pandas raise exceptions of any kind.
     except Exception as error:
         raise SceneError(
             f"{path}: is broken: {type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}",
@@ -261,7 +269,7 @@ def _parsed(reader: str, text: str, path: Path, **how: Any) -> tuple[Any, dict[s
 
 
 def _with_lines(table: Any, lines: list[int]) -> Any:
-    """Return a table with the line of the file that each row is on, counted from 1, as its column `line`."""
+    """Return a table with a column `line`: the number, from 1, of the file line that holds each row."""
     return table.assign(line=lines if len(lines) == len(table) else np.arange(1, len(table) + 1))
 
 
@@ -270,7 +278,7 @@ def _without_zone(table: Any) -> Times:
 
 
 def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Weather:
-    """Raises SceneError, and warns, as `read_weather` says."""
+    """Return the checked weather of a table. Raises SceneError and warns as `read_weather` does."""
     latitude, longitude, zone = site["latitude"], site["longitude"], site["TZ"]
     for name, value, limit in (("latitude", latitude, 90), ("longitude", longitude, 180), ("time zone", zone, 14)):
         if not abs(value) <= limit:
@@ -283,7 +291,7 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
     times = _of_one_year(begin)
     steps = np.diff(times).astype(np.int64)
     new_year = np.flatnonzero(steps <= 0)
-    if len(new_year) == 1 and times[-1] < times[0]:  # a year that starts in July, or any other month
+    if len(new_year) == 1 and times[-1] < times[0]:  # the year may start in July or any other month
         order = np.roll(np.arange(len(times)), -int(new_year[0]) - 1)
         table, times = table.iloc[order], times[order]
         steps = np.diff(times).astype(np.int64)
@@ -326,7 +334,7 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
 
 
 def _of_one_year(begin: Times) -> Times:
-    """The same dates of one year; months of typical years are of several."""
+    """Return dates moved to one year, because the months of a typical year are from several years."""
     years = begin.astype("datetime64[Y]")
     if (years == years[0]).all():
         return begin
@@ -338,7 +346,7 @@ def _of_one_year(begin: Times) -> Times:
 
 
 def _irradiance(table: Any, name: str, source: str) -> Float64:
-    """(H,) W m^-2, NaN where it is missing. Raises SceneError for what is no irradiance."""
+    """Return the (H,) irradiance in W m^-2, NaN if missing. Raises SceneError for invalid values."""
     if name not in table:
         raise SceneError(f"{source}: has no column of {name}.")
     found = _column(table, name, source)
@@ -361,7 +369,7 @@ def _irradiance(table: Any, name: str, source: str) -> Float64:
 
 
 def _column(table: Any, name: str, source: str) -> Float64:
-    """(H,) numbers of a column. Raises SceneError."""
+    """Return the (H,) numbers of a column. Raises SceneError."""
     column = table[name]
     if column.dtype.kind in "fiu":
         return np.array(column, np.float64)
@@ -397,7 +405,7 @@ def _report(weather: Weather, gaps: int, missing: int, off: float) -> None:
 
 
 def _in_year(times: Times) -> NDArray[np.int64]:
-    """(3, N): month, day and hour of times (N,)."""
+    """Return (3, N) month, day and hour of times (N,), each counted from 0."""
     months, days, hours = (times.astype(f"datetime64[{unit}]") for unit in "MDh")
     return np.stack([
         months.astype(np.int64) % 12,
