@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.errors import SceneWarning
 from glpath.film.film import Film
 from glpath.gl.lanes import fragments_of_pixels
 from glpath.rendering.factory import solve_for_gather
@@ -148,7 +149,8 @@ def test_samples_that_are_dropped_do_not_count(engine: str, spoil) -> None:
         "    if (pixel == ivec2(5, 3)) radiance.r = uintBitsToFloat(0x7fc00000u);\n"
         "    vec3 scaled = floor(radiance.rgb * quanta + 0.5);",
     )
-    film = glpath.render(LIGHTS, max_depth=2, spp=6, aovs="all", **engine_options(engine))
+    with pytest.warns(SceneWarning, match="samples were NaN or infinite"):
+        film = glpath.render(LIGHTS, max_depth=2, spp=6, aovs="all", **engine_options(engine))
     spoilt = np.zeros(film.mean.shape[:2], bool)
     if engine == "path":  # whose sums are in the order of its lanes
         spoilt = fragments_of_pixels((32, 24))[::-1] == 3 * 32 + 5

@@ -518,10 +518,8 @@ def test_polypaint_of_zbrush_is_read(tmp_path: Path) -> None:
 def test_what_an_obj_has_beside_faces_is_counted_in_one_warning(tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
     path.write_text(f"{SQUARE}{FACE}l 1 2 3\np 1\np 2\ncurv 0 1 1 2\nsurf 0 1 0 1 1 2 3 4\nsurf 0 1 0 1 1 2 3 4\n")
-    assert (
-        "left out: curves (1), surfaces (2), lines beside faces (2), points beside faces or lines (2)."
-        in said(path)[0]
-    )
+    words = "left out: curves (1), surfaces (2), lines beside faces (2), points beside faces or lines (2)."
+    assert sum(words in text for text in said(path)) == 1
 
 
 def test_the_old_word_of_faces_is_read(tmp_path: Path) -> None:

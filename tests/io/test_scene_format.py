@@ -367,7 +367,7 @@ def test_what_is_wrong_in_a_file_is_said_with_its_place_and_remedy(tmp_path: Pat
 BROKEN_MESHES = {
     "empty.obj": ("", "has no triangles"),
     "points.obj": ("v 0 0 0\nv 1 0 0\n", "has no triangles"),
-    "prose.obj": ("v 0 0 zero\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "cannot be read as OBJ"),
+    "prose.obj": ("v 0 0 zero\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", 'line 1 has "zero", which is not a number'),
     "beyond.obj": (
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n",
         "line 4 names vertex 9, but the file has 3 vertices (1 to 3)",
