@@ -286,7 +286,7 @@ class _Squares:
 
     def __init__(self, objects: DeviceScene, size: tuple[int, int]) -> None:
         scene, numbers = objects.scene, objects.numbering
-        # Rounded as on the device, so that rounding cannot separate the two bounds.
+        # Round spheres to 32 bits as on the device, so that the bounds computed here hold for the shader's squares.
         spheres = scene.spheres[numbers.spheres[: numbers.first_ellipsoid]].astype(np.float32).astype(np.float64)
         self._parallel = scene.camera.projection == "orthographic"
         self._centres = spheres[:, :, 3]

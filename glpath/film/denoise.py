@@ -3,11 +3,11 @@
 A network trained on path-traced images removes noise and keeps edges, textures and shadows. Albedo and normals show
 it which edges belong to surfaces.
 
-Cost:     0.2 s of one core for 256 x 256, and once as much for noisy albedo and normals; some 600 bytes of memory a
-          pixel.
-Poor at:  noise correlated between pixels, as from paths with shared directions: it remains, because it looks like
-          texture. Details lost in noise are invented. Energy is not kept to the last percent, especially at the
-          edges of lamps.
+Cost:     0.2 s on one core for 256 x 256 pixels, and another 0.2 s if albedo and normals are noisy; about 600 bytes
+          of memory per pixel.
+Poor at:  noise correlated between pixels, such as that of paths with shared directions. It remains, because it
+          looks like texture. Details lost in noise are invented. Energy is not kept to the last percent, especially
+          at the edges of lamps.
 Source:   https://www.openimagedenoise.org/documentation.html, the RT and RTLightmap filters.
 """
 

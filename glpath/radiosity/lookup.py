@@ -86,7 +86,10 @@ def _with_share(parts: NDArray[np.float32], share: Float64) -> Float64:
 
 
 def _widths(scene: Scene, solution: RadiositySolution) -> Float64:
-    """Return for each lattice element the width (E,) of its solver's element, a square of twice its area."""
+    """Return the width (E,) of the solver's element that contains each lattice element.
+
+    The width is the side of a square with twice the area of the solver's element.
+    """
     count = solution.divisions.astype(np.int64) ** 2
     return np.asarray(np.repeat(np.sqrt(2.0 * scene.areas / count), count) * solution.leaf_size)
 

@@ -44,9 +44,10 @@ if TYPE_CHECKING:
 Window = tuple[int, int, int, int]
 Say = Callable[[str], None]
 
-# Memory of an expanded triangle in bytes (5.9 GiB measured for 7.7 million triangles), and the number of triangles
-# from which memory is checked.
-_BYTES_PER_TRIANGLE, _MANY_TRIANGLES = 820, 1_000_000
+# Memory of an expanded triangle in bytes (5.9 GiB measured for 7.7 million triangles).
+_BYTES_PER_TRIANGLE = 820
+# Number of triangles from which memory is checked.
+_MANY_TRIANGLES = 1_000_000
 
 _Shared = TypeVar("_Shared", PathBufferSettings, GatherSettings)
 
@@ -130,7 +131,10 @@ class Plan(ABC):
 
     @abstractmethod
     def traceable(self, scene: Scene) -> Scene:
-        """Return the scene in the engine's form, relative to its `origin`. Raises SceneError."""
+        """Return the scene in the form that the engine traces, with coordinates relative to `Scene.origin`.
+
+        Raises SceneError.
+        """
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
         """Return the plan with results that need the traceable scene but no context, such as a radiosity solution.

@@ -27,11 +27,11 @@ Int64 = NDArray[np.int64]
 
 #: Barycentric coordinates b1, b2 of the corners of a whole triangle.
 WHOLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-# Numbers of parts along a triangle's edges, for means: a part is about as large as a texel, within these bounds.
+# Allowed numbers of parts along a triangle's edge for its mean. Within these bounds, a part is about a texel large.
 _PARTS = (4, 8, 16, 32, 64)
-# Maximum number of points of all means, unless all triangles have the fewest. In `parlour`, 256 points a triangle
-# instead of 4096 change its mean by 0.6 %. The mean of the room changes by 0.05 %, far less than the noise of a
-# solution's particles.
+# Maximum number of points for the means of all triangles. It is exceeded only if all triangles have the fewest
+# parts. In `parlour`, 256 points per triangle instead of 4096 change the mean of a triangle by 0.6 %, and the mean
+# of the room by 0.05 %. That is far less than the noise of a solution's particles.
 _ALL_POINTS = 1 << 21
 _TOGETHER = 1 << 16  # points looked up at once, so that their arrays fit into a cache
 

@@ -338,17 +338,17 @@ class Material:
 
     @property
     def clear(self) -> float:
-        """Fraction of its base that is glass, in [0, 1]."""
+        """Fraction of the material's base that is glass, in [0, 1]."""
         return 0.0 if self.roughness is None else (1.0 - self.metallic) * self.transmission
 
     def hemispherical_reflectance(self, base: Float64, clear: float = 0.0) -> Float64:
-        """Return the (3,) float64 fraction of uniform illumination that is reflected or transmitted.
+        """Return the (3,) float64 fraction of uniform illumination that the material reflects or transmits.
 
         base  : (3,) reflectance of the base
         clear : fraction of the base whose transmitted light is not included
 
-        Solvers that treat all surfaces as diffuse use it. For mirrors and clear surfaces it is at most 0.97,
-        because light between them would never die out. Roughness is ignored for glass and under a thin film, where
+        Solvers that treat all surfaces as diffuse use this fraction. It is at most 0.97, because light between
+        mirrors or clear surfaces would never die out. Roughness is ignored for glass and under a thin film, where
         Schlick's formula has the mean f0 + (f90 - f0) / 21.
         """
         if not self.has_lobes:

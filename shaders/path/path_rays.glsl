@@ -51,9 +51,9 @@ const int MIRRORS = 1024;       // maximum number of vertices of a path through 
 
 #ifdef CONTROL_VARIATE
 uniform int lookup_depth;         // diffuse bounces before the first vertex at which the solution may replace the path
-uniform float correction_number;  // of the set; decides which paths continue there
-const float FIRST_CHANCE = 0.5;   // probability that a path continues
-const float LATER_CHANCE = 4.0;   // the same at later vertices, for a throughput of one
+uniform float correction_number;  // radical inverse of the path set's index; decides which paths continue there
+const float FIRST_CHANCE = 0.5;   // probability that a path continues at that vertex
+const float LATER_CHANCE = 4.0;   // factor on the throughput for that probability at later vertices, at most 1
 #endif
 
 UINT_TEXELS(r32ui, eye_buffer);
@@ -334,7 +334,7 @@ void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
     if (bounces < lookup_depth) return;
     float chance, number;
     if (path.corrections == 0) {
-        // Successive sets of a pixel alternate.
+        // The path continues in one of two successive sets (2k and 2k + 1), because correction_number differs by 1/2.
         chance = FIRST_CHANCE;
         number = fract(correction_number + unit(pcg(path.at.path + pcg(path_seed + 8191u + uint(path.at.branch)))));
     } else {

@@ -129,11 +129,12 @@ class DirectLight:
         guides: Float64 | None = None,
         chosen: Chosen | None = None,
     ) -> Float64:
-        """Return irradiance as `at` does, in the calling thread, with `sky_rays` rays to the sky, a square number.
+        """Return irradiance (P, 3) as `at` does, but computed in the calling thread.
 
-        guides : (P, BINS) cumulative probabilities of rays from each point to a sky without a map; None for
-                 cosine-weighted rays
-        chosen : choice of a few of many punctual lights, without bias; None for all
+        sky_rays : number of rays from each point to the sky, a square number
+        guides   : (P, BINS) cumulative probabilities of rays from each point to a sky without a map; None for
+                   cosine-weighted rays
+        chosen   : unbiased choice of a few of many punctual lights; None for all lights
         """
         total = self._punctual(points, normals, triangle, chosen, random)
         sky = self.lighting.sky

@@ -162,7 +162,8 @@ class Occluders:
         e1, e2 = self.corners[:, 1] - corner, self.corners[:, 2] - corner
         normal, front_only = self._normals(), self.solid & solids
         if self.culled is not None:
-            # Flipped and treated as solids, they block only segments from emitters behind them.
+            # A polygon with a culled back is flipped and treated as a solid's. It then blocks only segments from
+            # emitters behind the original polygon.
             e1, e2 = np.where(self.culled[:, None], e2, e1), np.where(self.culled[:, None], e1, e2)
             normal = np.where(self.culled[:, None], -normal, normal)
             front_only = front_only | self.culled
