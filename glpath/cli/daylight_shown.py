@@ -23,8 +23,10 @@ if TYPE_CHECKING:
 TEXELS = "texels"
 #: Files with the values where they are.
 SHOWN = (".vtp", ".glb")
-# What colours a .glb, with a year and without.
-_OF_YEAR, _OF_SKY = "irradiation_year", "sky_view_factor"
+# Quantity that colours a .glb if a year is computed.
+_OF_YEAR = "irradiation_year"
+# Quantity that colours a .glb without a year.
+_OF_SKY = "sky_view_factor"
 #: What may, of a year.
 OF_YEARS = (
     "daylight_autonomy",

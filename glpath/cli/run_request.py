@@ -26,8 +26,10 @@ from glpath.system.machine import limit_threads
 from glpath.system.reporting import MODES
 from glpath.system.signals import TERMINATING_TEXT
 
-#: Relative errors at which a picture looks clean: with and without denoising.
-_CLEAN, _FAIR = 0.05, 0.02
+#: Relative error at which a denoised picture looks clean.
+_CLEAN = 0.05
+#: Relative error at which a picture without denoising looks clean.
+_FAIR = 0.02
 _MACHINE, _LONG = "Machine", "Long renders"
 
 if TYPE_CHECKING:

@@ -33,8 +33,10 @@ _LOOPBACK = "127.0.0.1"
 _REFUSED_S = 5.0
 # Maximum number of attempts to make a client if its thread does not start within Dask's timeout.
 _LOOP_STARTS = 3
-# Time for which a broken connection may recover, and maximum time of a scheduler's answer; seconds.
-_LOST_S, _ANSWER_S = 3.0, 30.0
+# Time for which a broken connection may recover, seconds.
+_LOST_S = 3.0
+# Maximum time of a scheduler's answer, seconds.
+_ANSWER_S = 30.0
 _ENCRYPTED = ("tls://", "wss://", "inproc://")
 
 

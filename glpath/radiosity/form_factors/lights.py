@@ -41,9 +41,14 @@ SKY_RAYS = 64
 #: sky.
 BINS = 64
 _GUIDED = 0.5  # fraction of guided rays; the others are cosine-weighted, which limits the weight of a ray to 2
-#: Target number of guided rays of all points, minimum and maximum for each point, and number of points in a task. A
-#: mean over many elements needs fewer rays for each.
-_AIMED_RAYS, _MIN_AIMED, _MAX_AIMED, _AIMED_TOGETHER = 1 << 20, 16, 256, 1024
+#: Target number of guided rays from all points. A mean over many elements needs fewer rays from each point.
+_AIMED_RAYS = 1 << 20
+#: Minimum number of guided rays from each point.
+_MIN_AIMED = 16
+#: Maximum number of guided rays from each point.
+_MAX_AIMED = 256
+#: Number of points in a task of guided rays.
+_AIMED_TOGETHER = 1024
 #: Number of points in a task, so that their rays fit into memory.
 _TOGETHER = 4096
 #: Number of directions, distributed by a map's radiance, that points share.
