@@ -14,7 +14,7 @@ struct Lobes
     float coat;
     float mirror;
 #ifdef HAS_DIFFUSE_TRANSMISSION
-    float through;  // the diffuse lobe on the other side
+    float through;  // importance of the diffuse lobe on the other side
 #endif
 };
 
@@ -120,10 +120,10 @@ vec3 light_through_diffuse(PathVertex v, Lobes q, DirectLight direct)
 struct BsdfSample
 {
     vec3 direction;
-    vec3 weight;    // including the lobe's probability
-    float pdf;  // per solid angle
-    bool through;   // true if it goes to the other side
-    bool straight;  // true if it passes a thin dielectric, which light samples see through
+    vec3 weight;    // weight of the direction, including the lobe's probability
+    float pdf;  // density of the direction per solid angle
+    bool through;   // true if the direction goes to the other side
+    bool straight;  // true if the direction passes a thin dielectric, which light samples see through
 };
 
 // Samples microfacets, clearcoat or a mirror. chosen: random number minus the diffuse lobe's probability.

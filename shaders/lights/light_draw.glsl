@@ -5,12 +5,12 @@
 // Frame:  world.
 #include <LIGHT_DRAWS>
 #ifdef PARTS
-uniform uvec4 light_parts[PARTS];  // first of its numbers and their count; first and last piece
+uniform uvec4 light_parts[PARTS];  // for each part of the lights: first number, count of numbers, first piece and last piece
 #endif
 #ifdef HAS_ENVIRONMENT
 uniform int sky_halves;            // number of half rows of the map
 #ifdef HAS_SUN
-uniform float sun_share;           // fraction of the sky's light
+uniform float sun_share;           // fraction of the sky's light that the sun has
 #endif
 #endif
 

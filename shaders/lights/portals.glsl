@@ -7,7 +7,7 @@
 // radiance. They find small suns and light from other directions, and make the mean unbiased.
 const float PORTAL_SHARE = 0.75;
 
-uniform vec3 portals[3 * PORTALS];  // a corner and two edges of each, whose cross product points inwards
+uniform vec3 portals[3 * PORTALS];  // a corner and two edges of each portal; the edges' cross product points inwards
 uniform float sky_chance;           // probability that a light sample is of the sky
 
 SeenRectangle seen_portal(int k, vec3 from)

@@ -18,15 +18,15 @@ uniform bool first_bounce;  // true if only one surface has reflected the light 
 
 struct Arrival
 {
-    int triangle;     // < 0: the path has no further vertex
+    int triangle;     // index of the triangle; below 0 if the path has no further vertex
     vec3 position;
-    vec4 plane;       // of the triangle
+    vec4 plane;       // plane of the triangle
     Surface surface;
     bool front;       // true if the path arrives on its front
     float t;          // distance from the previous vertex
-    vec3 wo;          // back along the path
-    vec3 throughput;  // without the reflection here
-    vec4 radiance;    // sum so far; a: see accumulate.glsl
+    vec3 wo;          // unit direction back along the path
+    vec3 throughput;  // throughput without the reflection at this vertex
+    vec4 radiance;    // radiance summed so far; a: see accumulate.glsl
 };
 
 Arrival arrive(ivec2 pixel)

@@ -19,7 +19,7 @@
 #endif
 #include "path/path_state.glsl"
 
-uniform float lookup_distance;  // in minimum distances of the element; a path continues below a random fraction of it
+uniform float lookup_distance;  // maximum distance at which a path continues, in the element's minimum distances, before a random factor
 
 void main()
 {

@@ -17,7 +17,7 @@ float unit(uint bits)
 struct PathId
 {
     uint path;
-    int depth;   // number of the vertex
+    int depth;   // index of the vertex
     int branch;
 };
 

@@ -24,8 +24,8 @@
 struct Surface
 {
     vec3 position;
-    vec3 normal;   // geometric, unit, on the front side
-    vec3 smooth_normal;  // unit, on the same side; of the vertices if the mesh has normals, changed by a normal map
+    vec3 normal;   // geometric unit normal on the front side
+    vec3 smooth_normal;  // shading normal, unit, on the same side: vertex normals if the mesh has them, changed by a normal map
 #ifdef HAS_NORMAL_MAPS
     vec3 vertex_normal;  // smooth normal without the normal map
 #endif
@@ -38,11 +38,11 @@ struct Surface
     vec3 along_u;  // unit, in the triangle's plane, towards growing u; along_v: perpendicular, towards growing v; 0 if uv is constant
     vec3 along_v;
 #endif
-    vec4 colour;   // of the vertices, linear Rec. 709 and alpha
-    int triangle;  // index; -1 for other primitives
+    vec4 colour;   // colour of the vertices, linear Rec. 709, and alpha
+    int triangle;  // index of the triangle; -1 for other primitives
     int shape;
     int material;
-    bool emits_back;  // if it emits at all
+    bool emits_back;  // true if the back emits, too, provided that the surface emits at all
 };
 
 // Returns true if a ray along `direction` hits the front.

@@ -16,7 +16,7 @@ uniform vec2 shadow_cells;  // columns and rows of a face
 struct ShadowPosition
 {
     int face;
-    vec2 at;  // in cells
+    vec2 at;  // position on the face, in cells
 };
 
 #ifdef SHADOW_CUBE
