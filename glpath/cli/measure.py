@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 _POINTS = "Points"
 _RECEIVERS = ("plane", "cylinder")
-# Lux by which the light of 100 on open ground may be off, for a daylight factor.
+# Maximum deviation of the light on open ground from 100 lx, for a daylight factor; lx.
 _OFF = 2.0
 #: Suffixes of files with false colours.
 _COLOURED = (".html", ".png", ".glb")

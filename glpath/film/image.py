@@ -51,8 +51,9 @@ _MAX_COMMENT = 65_000
 _JPEG_QUALITY = 95
 READABLE = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".npz", ".npy")
 
-# Luminance Y of linear Rec. 709; and the primaries and white point (D65) for an EXR header: x y of R, G, B, white.
+# Luminance Y of each channel of linear Rec. 709.
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+# Primaries and white point (D65) of Rec. 709 for an EXR header: x and y of red, green, blue and white.
 REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
 # Tolerance of x and y for the rounding of other programs.

@@ -25,8 +25,9 @@ from glpath.system.machine import core_count
 
 log = logging.getLogger("glpath")
 
-# Prefix of addresses of local processes, and their maximum number.
+# Prefix of addresses of local processes.
 _LOCAL = "local:"
+# Maximum number of local processes.
 _MAX_LOCAL = 1024
 _LOOPBACK = "127.0.0.1"
 # Maximum wait for a refused connection, seconds; a new scheduler listens after a second or two.

@@ -198,7 +198,7 @@ class Appearance:
 
     @property
     def culled(self) -> NDArray[np.bool_]:
-        """(T,) bool: True if the back of the triangle is culled."""
+        """Flags (T,), True for triangles with a culled back."""
         return np.array([material.culled for material in self._materials], bool)[self.scene.triangle_shape]
 
     def clear_shares(self) -> Float64:
@@ -223,7 +223,7 @@ class Appearance:
         return found
 
     def _glass_colour(self, triangle: Int64, base: Float64) -> Float64:
-        """(N, 3) what the glass of triangles (N,) lets through, of their colours (N, 3)."""
+        """Return the transmittance (N, 3) of the glass of triangles (N,) from their colours (N, 3)."""
         by_root = np.array([m.layering == "disney" for m in self._materials])[self.scene.triangle_shape[triangle]]
         return np.where(by_root[:, None], np.sqrt(base), base)
 

@@ -30,8 +30,9 @@ _DEEP = 0.8
 _FLAT = 0.3
 # Field of view of `framing`, degrees.
 _FOV = 30.0
-# Ratio of the image to the visible points, and minimum distance of the eye in diagonals of their box.
+# Size of the image relative to the extent of the visible points in it.
 _MARGIN = 1.15
+# Minimum distance of the eye, in diagonals of the box around these points.
 _CLOSEST = 0.1
 
 
@@ -186,7 +187,7 @@ class Camera:
 
     @property
     def offset(self) -> tuple[float, float]:
-        """Offset of the image plane's centre from the view axis, to the right and up, in the units of `extent`."""
+        """Offset of the image centre from the view axis, to the right and up, in the units of `extent`."""
         (wide, high), (across, down) = self.extent, self.principal_point
         return wide * (1.0 - 2.0 * across), high * (2.0 * down - 1.0)
 

@@ -37,8 +37,9 @@ CHARLIE_LAMBDA = (
     (25.3245, 3.32435, 0.16801, -1.27393, -4.85967),
     (21.5473, 3.82987, 0.19823, -1.97760, -4.32054),
 )
-# Values of bytes, as linear numbers and as sRGB colours.
+# Value of each byte as a linear number.
 _LINEAR = (np.arange(256) / 255.0).astype(np.float32)
+# Linear value of each byte of an sRGB colour.
 _FROM_SRGB = decode_srgb(np.arange(256) / 255.0).astype(np.float32)
 #: The fields of a `Material` that are texture slots.
 SLOTS = (
@@ -387,9 +388,9 @@ class Material:
 
     @property
     def schlick(self) -> tuple[Float64, float]:
-        """The reflectances of its dielectric, (3,) at normal and at grazing incidence, for Schlick's formula.
+        """Reflectances (3,) of the material's dielectric at normal and at grazing incidence, for Schlick's formula.
 
-        Where Fresnel's equations hold, the formula with these has their mean over light from everywhere.
+        If Fresnel's equations apply, the formula with these reflectances has the same mean over uniform light.
         """
         f0, f90 = self.dielectric
         if self.layering == "gltf":
@@ -399,23 +400,23 @@ class Material:
 
     @property
     def layer_share(self) -> float:
-        """Share of what is not metal that its dielectric covers."""
+        """Fraction of the part without metal that the dielectric covers."""
         return self.transmission if self.layering == "beside" else 1.0
 
     @property
     def _crossing(self) -> float:
-        """Share of light from everywhere that crosses the boundary of its glass."""
+        """Fraction of uniform light that crosses the boundary of the material's glass."""
         if self.layering == "gltf":
             return float(1.0 - self.dielectric_albedo.max())
         return 1.0 - boundary_reflectance(self.ior, self.is_thin_dielectric)[1]
 
     def glass_colour(self, base: Float64) -> Float64:
-        """Return what its glass lets through of light that is not reflected, for `reflectance` base."""
+        """Return the transmittance of glass of colour `base` for light that is not reflected."""
         return np.sqrt(base) if self.layering == "disney" else base
 
     @property
     def dielectric_albedo(self) -> Float64:
-        """(3,) float64 fraction of uniform illumination that its dielectric reflects."""
+        """Fraction (3,) float64 of uniform illumination that the material's dielectric reflects."""
         assert self.roughness is not None
         f0, f90 = self.schlick
         if self.iridescence > 0 and self.layering == "gltf":

@@ -31,7 +31,7 @@ Save = Callable[[Path], object]
 _STDOUT = "-"
 # Longest name of a file in bytes, as nearly all file systems have it.
 _MAX_NAME_BYTES = 255
-# Stands for the random part of a temporary name, as no name has it.
+# Placeholder for the random part of a temporary name, which no real name contains.
 _NO_TOKEN = 8 * "\0"
 
 

@@ -22,8 +22,9 @@ from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 #: Fraction of a segment at each end where nothing blocks it, because the surfaces at its ends have neighbours.
 ENDS = 1e-5
-#: Widening of a box, and rounding error of a distance from a plane, as fractions of the largest coordinate.
+#: Widening of a box, as a fraction of the largest coordinate.
 _WIDER = 1e-9
+#: Rounding error of a distance from a plane, as a fraction of the largest coordinate.
 _ROUNDING = 1e-12
 #: Maximum coordinate of a point, relative to the occluders' largest, for which these values still cover the
 #: rounding.
