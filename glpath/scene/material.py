@@ -93,12 +93,12 @@ class Texture:
 
     @property
     def _colours(self) -> NDArray[np.float32]:
-        """(256,) linear value of each byte of a colour."""
+        """Linear value (256,) of each byte of a colour."""
         return _FROM_SRGB if self.srgb else _LINEAR
 
     @cached_property
     def mean(self) -> Float64:
-        """(3,) float64 mean of all texels, linear Rec. 709, weighted by alpha if the image has it."""
+        """Mean (3,) float64 of all texels, linear Rec. 709, weighted by alpha if the image has it."""
         image = self.linear()
         weight = image[..., 3] if image.shape[2] == 4 and image[..., 3].any() else None
         colours = image[..., :3].reshape(-1, 3).astype(np.float64)
@@ -106,7 +106,7 @@ class Texture:
 
     @cached_property
     def max(self) -> Float64:
-        """(3,) float64 maximum of each channel, linear Rec. 709."""
+        """Maximum (3,) float64 of each channel, linear Rec. 709."""
         # Axis by axis, because numpy is then many times as fast. Larger bytes are brighter colours.
         largest = self.image.max(axis=0).max(axis=0)[:3]
         largest = self._colours[largest] if self.image.dtype == np.uint8 else largest.astype(np.float32)
@@ -326,7 +326,7 @@ class Material:
 
     @property
     def dielectric_ratio(self) -> Float64:
-        """(3,) float64 ratio of reflectances at normal and at grazing incidence, not clipped to 1."""
+        """Ratio (3,) float64 of the reflectances at normal and at grazing incidence, not clipped to 1."""
         once = ((self.ior - 1.0) / (self.ior + 1.0)) ** 2
         if self.layering in ("plastic", "beside") and self.is_thin_dielectric:
             once = float(between_faces(once))

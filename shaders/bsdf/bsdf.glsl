@@ -273,8 +273,8 @@ float charlie_lambda(Bsdf b, float cosine)
     return exp(2.0 * charlie_exponent(b, 0.5) - charlie_exponent(b, max(1.0 - x, 1e-6)));
 }
 
-// Estevez & Kulla 2017: Charlie's distribution and visibility. At grazing angles with a small alpha they reflect more than all
-// light, so they are divided by the albedo, which only depends on the angle to the eye.
+// Value of sheen: Charlie's distribution and visibility (Estevez & Kulla 2017). At grazing angles with a small alpha their albedo
+// exceeds 1, so the value is divided by the albedo, which only depends on the angle to the eye.
 vec3 sheen_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     float o = max(dot(n, wo), 1e-4), i = max(dot(n, wi), 1e-4);
@@ -465,14 +465,14 @@ mat3 surface_axes(Bsdf b, vec3 n)
     return mat3(x, y, n);
 }
 
-// Fraction of the light that microfacets reflect or transmit which is reflected.
+// Ratio of the light that microfacets reflect to the light that they reflect or transmit.
 float reflected_part(Bsdf b, float cosine)
 {
     float reflected = mean(microfacet_reflects(b, cosine)), through = mean(glass_transmittance(b, cosine));
     return through > 0.0 ? reflected / max(reflected + through, 1e-9) : 1.0;
 }
 
-// wo and wi are in the surface's own axes. 0 for a mirror, which no light sample hits.
+// Value and density of microfacets; wo and wi are in the surface's own axes. Both are 0 for a mirror, which no light sample hits.
 Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
     if (max(b.alpha.x, b.alpha.y) < SMOOTH || wi.z <= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);

@@ -3,7 +3,7 @@
 // Needs:  path_vertex.glsl, light_sample.glsl; HAS_THIN_DIELECTRICS, HAS_VARYING_THIN_DIELECTRICS
 // Frame:  world.
 
-// Density that marks a direction which no light sample finds.
+// Density of a mirror direction, a mark for directions that light samples never hit.
 const float DELTA_LOBE = 1e18;
 
 // Probabilities of the lobes; the rest is the probability that the path ends.

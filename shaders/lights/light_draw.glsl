@@ -42,8 +42,8 @@ uint half_begins(int half_row) { return sky_half_texel(half_row, SKY_HALF_CHOICE
 
 uint texel_begins(int at) { return sky_column_texel(at >> 2, SKY_COLUMN_CHOICES)[at & 3]; }
 
-// Draws a direction of the map, whose density is its radiance over `weight`, like `Environment.directions`. There the tent's
-// angle from up includes the sine, which here is in the weight.
+// Draws a direction of the map, like `Environment.directions`. The density is the direction's radiance divided by `weight`. The
+// weight contains the sine of the angle from up, which `Environment.directions` includes in its tents.
 vec3 map_drawn(vec3 u, out float weight)
 {
     uint number = uint(u.x * 16777216.0) << 8u;

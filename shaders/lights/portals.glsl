@@ -29,7 +29,7 @@ float sky_pdf(vec3 from, vec3 direction)
     return all_around > 0.0 ? mix(whole, sky_chance * through / all_around, PORTAL_SHARE) : whole;
 }
 
-// Draws a direction through one of the portals, chosen by solid angle; number: uniform. Returns false from behind all of them.
+// Draws a direction through one of the portals, chosen by solid angle; number: uniform. Returns false behind all portals.
 bool portal_drawn(vec3 from, float number, vec2 u, out vec3 wi)
 {
     float all_around = 0.0;

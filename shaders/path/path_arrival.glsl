@@ -41,7 +41,7 @@ Arrival arrive(ivec2 pixel)
     if (a.triangle != PATH_DEAD) a.radiance.a += scan_events(a.triangle);
 #ifdef HAS_SKY
     if (a.triangle == PATH_MISSED) {
-        // Weighted against the light sample of the previous vertex, as emission is.
+        // The sky is weighted against the light sample of the previous vertex, as emission is.
         float direction_code = texel(path_position, pixel).w;
         float escaped = direction_pdf(coded_cosine(direction_code), path_views);
         vec3 seen = path_d[coded_view(direction_code)] * sign(direction_code);

@@ -7,8 +7,8 @@ uniform bool roulette;          // true if paths end by Russian roulette (Arvo &
 uniform float cosine_roulette;  // see below
 
 #ifdef HAS_DISTANT_LIGHTS
-// Light from infinitely far that this vertex reflects unless a scan along its direction hits something. w of the start is as in
-// direction_code.glsl, 0 without such light.
+// Light from infinitely far that this vertex reflects if a scan along the light's direction hits nothing. pending_start.w is the
+// code of direction_code.glsl, or 0 without such light.
 vec4 pending_start = vec4(0.0);
 vec3 pending_light = vec3(0.0);
 #endif

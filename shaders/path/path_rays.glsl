@@ -345,7 +345,7 @@ void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
     vec4 found = irradiance_at(in_lattice, s.v.front);
     vec3 solution = path.beta * diffuse_reflectance(s.v.bsdf, dot(s.v.n, s.v.wo)) * found.rgb / PI;
 #ifdef HAS_DIFFUSE_TRANSMISSION
-    // On both sides the same fraction of it is direct light.
+    // The fraction of direct light is the same on both sides.
     solution += path.beta * diffuse_transmittance(s.v.bsdf, dot(s.v.n, s.v.wo)) * irradiance_at(in_lattice, !s.v.front).rgb / PI;
 #endif
     if (path.continues) {

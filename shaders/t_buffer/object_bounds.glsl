@@ -59,8 +59,8 @@ int parallel_bounds(vec3 low_corner, vec3 high_corner, out ivec2 low, out ivec2 
 }
 #endif
 
-// Slopes of the two planes that contain the eye and one axis of the image and touch an ellipsoid. X, Z: extents of its half
-// axes along x and z; (x, z): its centre. xz = X . Z, zz = Z . Z, square = |z X - x Z|^2 - |X x Z|^2.
+// Slopes of the two planes that contain the eye and one axis of the image, and touch an ellipsoid. The ellipsoid has the centre
+// (x, z), and half axes with the extents X along x and Z along z. xz = X . Z, zz = Z . Z, square = |z X - x Z|^2 - |X x Z|^2.
 vec2 tangent_slopes(vec2 centre, float xz, float zz, float square)
 {
     float middle = centre.x * centre.y - xz, root = sqrt(max(square, 0.0));
