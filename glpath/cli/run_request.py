@@ -251,7 +251,7 @@ EXIT_CODES = (
 _OF_DEVICES = ("backend", "device", "require_gpu", "noise", "stats", "cluster")
 #: Options of the radiosity solver, which needs no device.
 OF_SOLVERS = tuple(name for name in OF_FILMS if name not in _OF_DEVICES)
-#: Options of view factors, whose rows are saved at a fixed interval.
+#: Options of view factors, which choose the interval between saves themselves.
 OF_MATRICES = tuple(name for name in OF_SOLVERS if name not in ("checkpoint", "hang_limit", "time_limit"))
 #: Options of `daylight`, which needs a device.
 OF_DAYLIGHT = ("backend", "device", "require_gpu", "cluster", *OF_MATRICES)

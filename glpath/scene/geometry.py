@@ -314,7 +314,7 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def boxes(self) -> tuple[Float64, Float64]:
-        """Lower and upper corners, (N, 3) each, of boxes around shapes' triangles; lower > upper for empty boxes."""
+        """Lower and upper corners, (N, 3) each, of boxes around shapes' triangles; lower > upper if empty."""
         lower, upper = np.full((len(self), 3), np.inf), np.full((len(self), 3), -np.inf)
         for index, shape in enumerate(self):
             if isinstance(shape.geometry, Mesh) and shape.count:

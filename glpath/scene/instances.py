@@ -57,7 +57,7 @@ class InstancedScene:
 
     @cached_property
     def mesh_of_triangle(self) -> Int32:
-        """Index (T,) int32 of the mesh of each triangle of `resident`, plus 1; 0 for triangles without instances."""
+        """Index (T,) int32 of the mesh of each triangle in `resident`, plus 1; 0 if not instanced."""
         found = np.zeros(self.resident.shapes.total("triangle"), np.int32)
         for number, part in enumerate(self.ranges):
             found[part] = 1 + number
