@@ -171,8 +171,7 @@ def _is_shown(text: str, level: int) -> bool:
     return bool(shown)
 
 
-#: Location and count of each delayed warning, by text within cause; None outside of `one_warning_per_cause`.
-# By cause: location and count of each warning, by its text.
+# Location and count of each delayed warning, by cause and then by text; None outside of `one_warning_per_cause`.
 _waiting: ContextVar[dict[str, dict[str, tuple[str, int]]] | None] = ContextVar("_waiting", default=None)
 
 

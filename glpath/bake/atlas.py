@@ -38,28 +38,54 @@ Charts = tuple[NDArray[np.float32], NDArray[np.uint32], Int64]
 MAX_SIZE = 8192
 #: Texels between charts, enough for bilinear look-ups in the first mipmap levels.
 PADDING = 4
-# Padding for one bilinear look-up, and the fraction of a page for charts below which wider gutters shrink to it.
-_MIN_PADDING, _COVERED = 2, 1 / 3
-#: Smallest and largest page side, powers of two, if the page size is chosen automatically.
-_MIN_PAGE, _LARGEST_PAGE = 64, 4096
-#: Maximum fraction of a page that charts may fill, and the smallest step by which they shrink until they fit; for
-#: scenes with many sides, the fraction of a page's side that suffices.
-_FILLED, _STEP, _LARGE_STEP, _TRIALS = 0.95, 0.985, 0.95, 30
+# Texels between charts that suffice for one bilinear look-up.
+_MIN_PADDING = 2
+# Fraction of a page. If charts with `PADDING` fill less of a page, they are packed again with `_MIN_PADDING`.
+_COVERED = 1 / 3
+#: Smallest page side, a power of two, if the page size is chosen automatically.
+_MIN_PAGE = 64
+#: Largest page side, a power of two, if the page size is chosen automatically.
+_LARGEST_PAGE = 4096
+#: Fraction of a page that charts fill in the first trial.
+_FILLED = 0.95
+#: Ratio of a density that fits to a density that does not, above which trials end.
+_STEP = 0.985
+#: Fraction of a page's side from which a packing suffices for a scene with many sides.
+_LARGE_STEP = 0.95
+#: Maximum number of trials for each padding.
+_TRIALS = 30
 #: Safety margin of the next trial, as a fraction of the gap between densities that fit and that do not.
 _SHY = 0.05
-#: Above the first count of sides in a scene, parts are cut into patches of at most the second count of triangles,
-#: because chart time grows with the square of a part's size (0.5 ms a triangle for 8,000, 0.05 ms for 250).
-_MANY, _WHOLE, _PATCH = 20_000, 1024, 250
-#: Oversampling of charts that are packed later, and the largest page side that they may need.
-_FINER, _CHART_PAGE = 2.0, 4096
-#: Measured core seconds of an atlas over all trials: for each triangle side, for each side if charts are made once,
-#: and for each connected piece; then the maximum allowed, and the time from which on it is reported.
-_SECONDS_EACH, _SECONDS_LATER, _SECONDS_PIECE, _MAX_SECONDS, _REPORTED_SECONDS = 4e-4, 1.5e-4, 2e-3, 600.0, 10.0
-#: Smallest triangle area that xatlas makes charts for, and the smallest unit used for it, in scene extents.
-_MIN_AREA, _MIN_UNIT = 4 * float(np.finfo(np.float32).eps), 1e-4
-#: Number of trials, and the smallest chart scale tried; such charts are little larger than their gutters.
-_PATIENCE, _NEXT_TO_NONE = 2, 1e-3
-_PACKING = "making the atlas"  # for a time limit
+#: Number of sides in a scene above which charts are made once and large parts are cut into patches.
+_MANY = 20_000
+#: Number of triangles above which a part is cut into patches in such scenes.
+_WHOLE = 1024
+#: Maximum number of triangles of a patch. The time for charts grows with the square of a part's size (0.5 ms per
+#: triangle of 8,000, 0.05 ms per triangle of 250).
+_PATCH = 250
+#: Maximum factor on the density of charts that are made once and packed later.
+_FINER = 2.0
+#: Page side in texels that limits this factor.
+_CHART_PAGE = 4096
+#: Measured core seconds for each triangle side over all trials, in scenes with few sides.
+_SECONDS_EACH = 4e-4
+#: Measured core seconds for each triangle side if charts are made once.
+_SECONDS_LATER = 1.5e-4
+#: Measured core seconds for each part.
+_SECONDS_PIECE = 2e-3
+#: Maximum estimated core seconds of an atlas.
+_MAX_SECONDS = 600.0
+#: Estimated core seconds above which the estimate is reported.
+_REPORTED_SECONDS = 10.0
+#: Smallest triangle area for which xatlas makes charts, in its own units.
+_MIN_AREA = 4 * float(np.finfo(np.float32).eps)
+#: Smallest unit of xatlas, as a fraction of the scene's extent.
+_MIN_UNIT = 1e-4
+#: Number of trials that do not fit before the gutters alone are tested.
+_PATIENCE = 2
+#: Factor on the density for that test, which makes charts little larger than their gutters.
+_NEXT_TO_NONE = 1e-3
+_PACKING = "making the atlas"  # work named in errors of the time limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +290,7 @@ def _patches(middles: Float64, triangles: Int64) -> list[Int64]:
 
 def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
     """Return an atlas of one page with the largest texel density that fits."""
-    areas = scene.areas  # found anew at each call
+    areas = scene.areas  # computed at each access
     area = sum(density**2 * float(areas[triangles].sum()) for triangles, _, density in parts)
     guess = rounded(math.sqrt(_FILLED * size * size / area))
     charts = _charts(xatlas, scene, parts, guess)
@@ -311,7 +337,8 @@ def _between(fits: tuple[float, float], over: tuple[float, float], size: int) ->
     if fits[1] == 0:
         return over[0] * min(_STEP, size / over[1])
     share = (size - fits[1]) / (over[1] - fits[1])
-    # Slightly below the estimate, because packing is stochastic; so both ends of the interval approach.
+    # Packing is irregular, so a value slightly below the estimate makes both ends of the interval approach each
+    # other.
     return fits[0] + (over[0] - fits[0]) * min(max(share - _SHY, 0.1), 0.9)
 
 
@@ -328,7 +355,7 @@ def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list
     alike, scales = _alike(scene, parts)
     _, first, kind = np.unique(alike, return_index=True, return_inverse=True)
     models = [parts[i] for i in first]
-    areas = scene.areas  # found anew at each call
+    areas = scene.areas  # computed at each access
     area = sum(of**2 * float(areas[triangles].sum()) for triangles, _, of in models)
     finer = min(max(rounded(_CHART_PAGE / (texels * math.sqrt(2 * area))), 1.0), _FINER)
     with atlas_of(xatlas) as atlas:
@@ -434,7 +461,7 @@ def _unit(scene: Scene, parts: list[Part]) -> float:
     It is about the scene's extent, or less if the smallest triangles would be degenerate for xatlas.
     """
     extent = float(np.max(np.ptp(np.stack(scene.bounds), axis=0)))
-    areas = scene.areas  # found anew at each call
+    areas = scene.areas  # computed at each access
     smallest = min(density**2 * float(areas[triangles].min()) for triangles, _, density in parts)
     return power_of_two(min(extent, max(math.sqrt(smallest / _MIN_AREA), _MIN_UNIT * extent)))
 

@@ -52,15 +52,17 @@ Uv = Literal["make", "keep"]
 Materials = Literal["unlit", "keep"]
 
 DEFAULT_SIZE = 512
-#: Allowed texels per scene unit; beyond these limits, their squares times areas overflow floating-point numbers.
+#: Minimum and maximum texels per scene unit. Beyond them, squares of this density times areas overflow floats.
 DENSITIES = 1e-18, 1e18
 #: Samples per texel before denoising; with half as many, the denoiser leaves visible blotches (`room`).
 DENOISED_SPP = 128
 #: Longer side of a page shown in a notebook, pixels.
 _PREVIEW = 1024
 #: Peak memory in bytes per texel for samples, sensor tables, film sums and pages (measured: 1500 for a million
-#: texels, more for fewer), and the minimum fraction of texels on a page that is filled as far as fits.
-_BYTES, _FILLED = 1400, 0.5
+#: texels, more for fewer).
+_BYTES = 1400
+#: Minimum fraction of a page that texels fill if charts are as large as the page allows.
+_FILLED = 0.5
 _POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])
 
 
@@ -220,7 +222,7 @@ class Lightmap:
     def of(cls, surfaces: Surfaces, film: Film, denoise: bool = False) -> Lightmap:
         """Return the lightmap of a film of the texels, stitched at seams.
 
-        A denoiser spreads a little light to texels that have none. It is taken away again in `unlit_regions`.
+        A denoiser spreads a little light to dark texels. This light is removed again in `unlit_regions`.
         """
         pages, baked = surfaces.pages(film)
         lit = np.asarray((pages > 0).any(axis=-1))
@@ -313,13 +315,14 @@ class Lightmap:
     ) -> list[Path]:
         """Write the scene with its light as .glb and return all written files.
 
-        path      : .glb
-        materials : "unlit": base colour times light, and what surfaces emit, in pictures that every viewer shows
-                    (KHR_materials_unlit); "keep": materials as they are, TEXCOORD_1, and beside baked.glb the
-                    irradiance of page i, in the unit of the scene, as baked-i.lightmap.exr, and as .png of eight
-                    bits, linear, whose range and unit baked-i.lightmap.json says; so are the numbers of what shines
-        exposure  : of "unlit", stops: 1 doubles its brightness; see `exposure_stops`
-        moz       : with "keep", the .png inside the file, too, as MOZ_lightmap
+        path      : file name with the suffix .glb
+        materials : "unlit": textures of base colour times light, plus emission, which every viewer shows
+                    (KHR_materials_unlit). "keep": original materials, with TEXCOORD_1 for the light map. Page i is
+                    then written beside baked.glb, as irradiance in the unit of the scene (baked-i.lightmap.exr),
+                    and as a linear .png of eight bits. baked-i.lightmap.json has the unit and the range of the
+                    .png. Emission in the .glb has the same unit
+        exposure  : exposure for "unlit" in stops; 1 doubles the brightness, see `exposure_stops`
+        moz       : with "keep", True to store the .png also inside the file, as MOZ_lightmap
 
         Raises UsageError for another suffix, and ImageError. Warns SceneWarning of features that are left out.
         """
@@ -351,17 +354,17 @@ def lightmap(
     """Bake the light on all surfaces of a scene.
 
     Every triangle is baked, two-sided materials on both sides, except the inside of closed solids. Sides that no
-    light seems to reach have fewer texels. Streamed triangles light and shade the others, but have no texels and
-    are not in the file; "auto" is "path-buffer" then.
+    light seems to reach have fewer texels. Streamed triangles light and shade other surfaces, but have no texels
+    and are not in the file. With streamed triangles, the integrator "auto" is "path-buffer".
 
     Parameters
     ----------
-    scene   : what `load_scene` takes
+    scene   : scene as for `load_scene`
     texels  : texels per scene unit, on as many pages as needed
     size    : side of a page, texels; default 512. Without `texels` there is one page with charts as large as fit
-    uv      : "make": second texture coordinates by xatlas (`glpath[bake]`); "keep": those of the file, within 0 to
-              1 and without overlaps
-    integrator, options : "auto", "path", "path-buffer" or "gather" and their options, as of `glpath.render`
+    uv      : "make": make second texture coordinates by xatlas (`glpath[bake]`). "keep": use the second texture
+              coordinates of the file, which must be within 0 to 1 and without overlaps
+    integrator, options : "auto", "path", "path-buffer" or "gather" and its options, as in `glpath.render`
     film    : film of an interrupted bake of the same scene with the same options, to resume
     denoise : denoise the pages by Open Image Denoise (`glpath[denoise]`), but not the film; by default True if it
               is installed

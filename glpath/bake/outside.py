@@ -82,12 +82,12 @@ class _Samples:
         for row, sample in zip(found, samples, strict=True):
             near = _NEAR * self.texels.sizes(self.scene, self.atlas, sample)[which]
             triangle, side, points = self._at(sample, which)
-            # In parts, because each point needs a dozen temporary numbers.
+            # Points are tested in batches, because each needs a dozen temporary numbers.
             for at in (slice(first, first + _TOGETHER) for first in range(0, len(which), _TOGETHER)):
                 check_time("looking for texels inside of geometry")
                 row[at] = self.sides.inside(triangle[at], side[at], points[at], near[at], at.start)
         if self.covered is not None:
-            # All samples at once, because each call reads the streams anew.
+            # All samples are tested in one call, because each call reads the streams again.
             columns = zip(*(self._at(sample, which) for sample in samples), strict=True)
             found |= self.covered(*(np.concatenate(column) for column in columns)).reshape(found.shape)
         return found

@@ -1,4 +1,4 @@
-"""Faces of an atlas that cover each other: those of a file may, those of an atlas of ours never do."""
+"""Find faces of an atlas that cover each other. Faces of a file may do so, but faces of a new atlas never do."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from glpath.system.kernels import kernel
 
 
 def overlapping(uv: NDArray[np.float64], size: tuple[int, int]) -> tuple[int, int] | None:
-    """Two faces of a page that hold the middle of one texel; None where there are none.
+    """Return two faces of a page that contain the centre of the same texel, or None.
 
-    uv   : (F, 3, 2) texels
+    uv   : (F, 3, 2) coordinates of the faces' corners, texels
     size : width and height of the page, texels
     """
     width, height = size
@@ -22,7 +22,7 @@ def overlapping(uv: NDArray[np.float64], size: tuple[int, int]) -> tuple[int, in
 
 @kernel
 def _twice(uv, first, found):  # type: ignore[no-untyped-def]
-    """Whether the middle of a texel is well within two faces, which `found` then has."""
+    """Return True if the centre of a texel is well inside two faces, and store their indices in `found`."""
     height, width = first.shape
     for f in range(len(uv)):
         x0, y0, x1, y1, x2, y2 = uv[f, 0, 0], uv[f, 0, 1], uv[f, 1, 0], uv[f, 1, 1], uv[f, 2, 0], uv[f, 2, 1]

@@ -1,6 +1,6 @@
 """Build pages from the values of texels: fill texels inside other geometry, and pad gutters.
 
-Cost:     a distance transform a page.
+Cost:     a distance transform for each page.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from glpath.scene.model import Float64
 Float32 = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 
-#: A texel without light is black if no texel of its chart that is at most so many steps away has light. At 128
-#: samples, these 81 texels are 10,000 paths that have all found nothing; what a denoiser leaves there is no light.
+#: Maximum distance of the neighbours that decide if a texel without light is black, texels. It is black if no such
+#: neighbour on its chart has light. At 128 samples, these 81 texels have 10,000 paths without light, so any light
+#: there is from a denoiser.
 _UNLIT_STEPS = 4
 _NEIGHBOURS = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)]
 
@@ -26,8 +27,8 @@ _NEIGHBOURS = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0
 def pages_of(atlas: Atlas, texels: Texels, values: Float64, inside: Bools) -> tuple[Float32, Bools]:
     """Return pages (P, h, w, C) of values (N, C), and (P, h, w) bool: True for texels that are baked, not padded.
 
-    inside : (N,) texels that have no light of their own: they get the mean of neighbours of their chart, ring by
-             ring, so that no light comes from the other side of what they are under
+    inside : (N,) bool, True for texels without their own light. They get the mean of neighbours on their chart,
+             ring by ring, so that no light comes from the other side of the geometry that covers them
     """
     width, height = atlas.size
     pages = np.zeros((atlas.pages, height, width, values.shape[1]), np.float32)
@@ -45,9 +46,9 @@ def pages_of(atlas: Atlas, texels: Texels, values: Float64, inside: Bools) -> tu
 def unlit_regions(atlas: Atlas, texels: Texels, lit: Bools) -> Bools:
     """Return (P, h, w) bool: texels without light whose neighbourhood on their chart has none either.
 
-    lit : (P, h, w), whether the rendered light of a texel is above zero
+    lit : (P, h, w) bool, True if the rendered light of a texel is above zero
 
-    The neighbourhood ends after `_UNLIT_STEPS` texels. Gutters are as the nearest texel of a chart.
+    The neighbourhood ends after `_UNLIT_STEPS` texels. Gutters get the result of the nearest texel of a chart.
     """
     chart = _charts(atlas, texels)
     on_chart = chart >= 0
@@ -75,7 +76,7 @@ def _grown(marked: Bools, chart: NDArray[np.int64]) -> Bools:
 
 
 def _charts(atlas: Atlas, texels: Texels) -> NDArray[np.int64]:
-    """Return (P, h, w) the number of each texel's chart; -1 for gutters."""
+    """Return (P, h, w) chart index of each texel; -1 for gutters."""
     width, height = atlas.size
     chart = np.full((atlas.pages, height, width), -1, np.int64)
     chart[texels.index] = atlas.chart[texels.face[0]]
@@ -94,7 +95,7 @@ def _fill_inside(pages: Float32, known: Bools, chart: NDArray[np.int64], texels:
             count += use
         done = count > 0
         if not done.any():
-            pages[page, row, column] = 0.0  # a chart that is inside as a whole: it is never seen
+            pages[page, row, column] = 0.0  # charts that are wholly inside are never seen
             return
         pages[page[done], row[done], column[done]] = sums[done] / count[done, None]
         known[page[done], row[done], column[done]] = True

@@ -1,4 +1,4 @@
-"""Pieces: triangles that hang together at their corners."""
+"""Find pieces: sets of triangles that are connected at their corners."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from glpath.scene.model import Float64
 
 
 def pieces(corners: Float64) -> NDArray[np.int64]:
-    """(T,): the number of the piece that each triangle is of; those that share one of their corners (T, 3, n) are
-    of one."""
+    """Return (T,) index of each triangle's piece. Triangles that share a corner belong to the same piece.
+
+    corners : (T, 3, n), equal in all n values for a shared corner
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

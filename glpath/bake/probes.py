@@ -51,8 +51,10 @@ from glpath.system.files import write_bytes
 Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-#: Number of test rays of a probe, and the fraction that must hit dark back faces if it is inside a solid.
-_LOOKS, _MOSTLY = 64, 0.5
+#: Number of rays that test if a probe is inside a solid.
+_LOOKS = 64
+#: Fraction of these rays. If more of them hit unlit inner sides, the probe counts as inside.
+_MOSTLY = 0.5
 #: Maximum number of probes in a grid; the film of each takes 10 kB.
 MAX_PROBES = 1 << 16
 DEFAULT_GRID = (8, 4, 8)

@@ -1,13 +1,12 @@
-"""Seams: edges of a smooth surface that two charts share, where look-ups on either side are to agree.
+"""Seams: edges of a smooth surface at which two charts meet. Look-ups on both sides are made equal there.
 
-Values along such an edge are made alike by least squares: texels change as little as they may while bilinear
-look-ups at points of the edge, on both charts, come together, as far as no eye sees the rest.
-[Iwanicki 2013; Rakhteenko 2018]
+Steps at seams are removed by least squares. Bilinear look-ups at points of the edge, on both charts, become equal
+up to a difference that no eye sees, while texels change as little as possible. [Iwanicki 2013; Rakhteenko 2018]
 
-Cost:     a sparse system of the texels beside seams, factored some thirty times a channel, mostly for the few that
-          are still apart: 2 s for 7,000 points of seams, 12 s for 27,000.
-Poor at:  a terminator as sharp as a texel across a seam: two lattices of texels cannot both have its kink, so it is
-          moved by up to a texel. Noise, which near a seam is spread.
+Cost:     a sparse system of the texels beside seams, factored about thirty times per channel, mostly for the few
+          texels beside remaining steps: 2 s for 7,000 points of seams, 12 s for 27,000.
+Poor at:  a terminator as sharp as a texel across a seam. Two lattices of texels cannot both contain its kink, so it
+          moves by up to a texel. Noise near a seam is spread.
 
 [Iwanicki 2013] M. Iwanicki, "Lighting technology of The Last of Us", SIGGRAPH 2013 talks.
 [Rakhteenko 2018] A. Rakhteenko, "Baking artifact-free lightmaps on the GPU",
@@ -33,28 +32,35 @@ Bools = NDArray[np.bool_]
 
 #: Cosine between the normals on both sides above which a surface is smooth.
 _SMOOTH = 0.995
-#: Points of a seam for each texel along it.
+#: Number of points on a seam for each texel along it.
 _DENSITY = 3.0
-#: The largest step that is left, as a share of the value there, or of this share of the mean where that is darker.
-LIMIT, DARK = 0.018, 0.01
-#: What a step weighs in the first round compared with a change of a texel, and what a change of a gutter's does.
-_FIRST, _GUTTER = 10.0, 0.02
-#: Changes count by their share of the light about them and of this share of the mean: with less, the light side of
-#: a terminator were drawn down to the dark one.
+#: Maximum remaining step at a seam, as a fraction of the mean value of both sides.
+LIMIT = 0.018
+#: Minimum of that mean value for the fraction, relative to the mean light of the pages.
+DARK = 0.01
+#: Weight of a step in the first round, relative to the weight of a texel's change.
+_FIRST = 10.0
+#: Weight of the change of a gutter's texel, relative to the weight of a baked texel's change.
+_GUTTER = 0.02
+#: Part of the mean light that is added to the light around a texel, to which its change is relative. With a smaller
+#: part, the bright side of a terminator would become as dark as the dark side.
 _FAINT = 1.0
-#: The most rounds, and the most times that texels at zero are found anew in each.
-_ROUNDS, _HOLDS = 30, 12
-#: So many points of seams and texels farther from steps that are left nothing changes any more.
+#: Maximum number of rounds.
+_ROUNDS = 30
+#: Maximum number of times that a round searches the texels that it holds at zero.
+_HOLDS = 12
+#: Number of rings of neighbouring texels around a remaining step that the next rounds still change.
 _RINGS = 16
-#: The most faces that meet along an edge of which pairs are seams.
+#: Maximum number of faces at an edge whose pairs become seams.
 _MEETING = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Seams:
-    """K points, twice each on the pages.
+    """K points of seams, each with a position on both charts.
 
-    page : (2, K);  uv : (2, K, 2), texels
+    page : (2, K) page indices
+    uv   : (2, K, 2) positions on the pages, texels
     """
 
     page: Int64
@@ -65,7 +71,7 @@ class Seams:
 
     @classmethod
     def of(cls, scene: Scene, atlas: Atlas) -> Seams:
-        """The seams of all charts."""
+        """Return the seams of all charts."""
         ends = _edges(scene, atlas)
         if not len(ends[0]):
             return cls(np.zeros((2, 0), np.int64), np.zeros((2, 0, 2)))
@@ -79,19 +85,19 @@ class Seams:
         return cls(atlas.page[faces[which]].T, at.transpose(1, 0, 2))
 
     def values(self, pages: Float32) -> Float64:
-        """(2, K, 3): bilinear look-ups of pages (P, h, w, 3) on both sides."""
+        """Return (2, K, 3) bilinear look-ups of pages (P, h, w, 3) on both sides of the seams."""
         index, weights = self._texels(pages.shape)
         flat = pages.reshape(-1, pages.shape[-1])
         return np.asarray(np.einsum("skt,sktc->skc", weights, flat[index].astype(np.float64)))
 
     def stitched(self, pages: Float32, baked: Bools, lit: Bools | None = None) -> Float32:
-        """The pages (P, h, w, 3) whose steps are below `LIMIT`, of which texels are changed the least.
+        """Return pages (P, h, w, 3) changed as little as possible so that all steps are below `LIMIT`.
 
-        baked : (P, h, w), where light was computed, not only continued
-        lit   : (P, h, w), where the rendered light is above zero; None if that of `pages` is as it was rendered
+        Steps weigh little at first, and steps above the limit weigh more in each further round. Texels that would
+        become negative are held at zero.
 
-        Steps weigh little at first; those that are still above the limit weigh more in each round. No light is
-        below zero: texels that would be are held there, as long as they would be.
+        baked : (P, h, w) bool, True for texels with computed light, False for gutters
+        lit   : (P, h, w) bool, True if the rendered light is above zero; None if `pages` is the rendered light
         """
         from scipy.sparse import coo_array, diags_array
 
@@ -111,7 +117,8 @@ class Seams:
             return coo_array((values.ravel(), (rows.ravel(), number.ravel())), shape=(len(self), len(used))).tocsr()
 
         both, jump = per_texel(weights / 2), per_texel(weights * np.array([1.0, -1.0])[:, None, None])
-        # Changes count by their share of the light about a texel: of its own, noise downwards would cost less.
+        # Changes are relative to the light around a texel, because relative to its own light, dark noise would cost
+        # less.
         about = (both.T @ (both @ before.mean(axis=1))) / np.maximum(both.T @ np.ones(len(self)), 1e-12)
         keep = np.where(baked.ravel()[used], 1.0, _GUTTER) / (about + _FAINT * mean) ** 2
         weight = np.full(len(self), _FIRST)
@@ -120,13 +127,13 @@ class Seams:
             over = 1.0 / np.maximum(both @ x.mean(axis=1), DARK * mean)
             system = (diags_array(keep) + jump.T @ diags_array(weight * over**2) @ jump).tocsr()
             x, held = _minimise(system, keep[:, None] * before, x, held, near)
-            step = over * np.abs(jump @ x).max(axis=1)  # of colours, and of brightness
+            step = over * np.abs(jump @ x).max(axis=1)  # steps of colours; steps of luminance follow
             light = luminance(x)
             step = np.maximum(step, np.abs(jump @ light) / np.maximum(both @ light, dark))
             if (step <= LIMIT).all():
                 break
             weight *= np.clip(1.5 * step / LIMIT, 1.0, 10.0)
-            # Elsewhere all stays as it is.
+            # Only texels near remaining steps change in the next round.
             near = both.T @ (step > LIMIT) > 0
             for _ in range(_RINGS):
                 near = both.T @ (both @ near) > 0
@@ -135,7 +142,7 @@ class Seams:
         return made
 
     def _texels(self, shape: tuple[int, ...]) -> tuple[Int64, Float64]:
-        """(2, K, 4) numbers of texels and their weights."""
+        """Return (2, K, 4) indices of the texels of each look-up, and their weights."""
         _, height, width = shape[:3]
         x, y = self.uv[..., 0] - 0.5, self.uv[..., 1] - 0.5
         column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
@@ -149,11 +156,13 @@ class Seams:
 
 
 def lit_texels(lit: Bools, baked: Bools) -> Bools:
-    """Return (P, h, w) the texels that statistics count: baked ones with light; all baked ones if none has light.
+    """Return (P, h, w) bool: True for texels that statistics use.
 
-    lit : (P, h, w), where the rendered light is above zero, before a denoiser that leaves remnants on dark texels
+    These are baked texels with light, or all baked texels if none has light.
 
-    The area of surfaces that no light reaches, such as undersides of floors, says nothing of how dark the rest is.
+    Surfaces without light, such as undersides of floors, would make the mean depend on their area.
+
+    lit : (P, h, w) bool, True if the rendered light is above zero, before a denoiser spreads light to dark texels
     """
     counted = baked & lit
     return np.asarray(counted if counted.any() else baked)
@@ -162,15 +171,19 @@ def lit_texels(lit: Bools, baked: Bools) -> Bools:
 def _minimise(
     system: Any, right: Float64, given: Float64, held: NDArray[np.bool_], near: NDArray[np.bool_]
 ) -> tuple[Float64, NDArray[np.bool_]]:
-    """Solutions (N, C) >= 0 of a symmetric system for right sides (N, C), and (N, C) which of them are zero.
+    """Solve a symmetric system for right sides (N, C) with solutions (N, C) that are not negative.
 
-    given : (N, C) what they are where they are not `near`, (N,)
-    held  : (N, C) what is taken for zero at first; then what comes out below is, and what is pulled above is not
+    Returns the solutions, and (N, C) bool, True for solutions that are held at zero. Negative solutions are held,
+    and held solutions that the system pulls above zero are released.
+
+    given : (N, C) solutions to keep for texels that are not `near`
+    held  : (N, C) bool, True for solutions held at zero at first
+    near  : (N,) bool, True for texels that may change
     """
     from scipy.sparse.linalg import splu
 
     made, held = given.copy(), held.copy()
-    factored: dict[bytes, Any] = {}  # colours mostly hold the same texels, and share what takes longest
+    factored: dict[bytes, Any] = {}  # channels that hold the same texels at zero share a factorization
     for c in range(right.shape[1]):
         for turn in range(_HOLDS):
             free = np.flatnonzero(near & ~held[:, c])
@@ -178,11 +191,11 @@ def _minimise(
             if len(free):
                 rows, key = system[free], free.tobytes()
                 if key not in factored:
-                    factored.clear()  # one at a time, as it may be large
+                    factored.clear()  # keeps one factorization, because it may be large
                     factored[key] = splu(rows[:, free].tocsc(), permc_spec="MMD_AT_PLUS_A")
                 x[free] = factored[key].solve(right[free, c] - rows @ x)
             pulled = system @ x < right[:, c]
-            # Back and forth comes to an end: in the second half none is let go.
+            # In the second half of the turns no texel is released, so that the iteration ends.
             pushed = np.where(near, (x < 0) | (held[:, c] & ~(pulled & (turn < _HOLDS // 2))), held[:, c])
             settled = np.array_equal(pushed, held[:, c])
             held[:, c] = pushed
@@ -193,7 +206,10 @@ def _minimise(
 
 
 def _edges(scene: Scene, atlas: Atlas) -> tuple[Int64, Float64]:
-    """Pairs of faces (E, 2) and the ends (E, 2, 2, 2) of their common edge on either's page, in one order."""
+    """Return (E, 2) pairs of faces at a seam, and (E, 2, 2, 2) the ends of their common edge.
+
+    The ends are in texels on the page of each face, in the same order for both faces.
+    """
     count = len(atlas.triangle)
     corners = scene.triangles[atlas.triangle]
     _, vertex = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
@@ -220,6 +236,6 @@ def _edges(scene: Scene, atlas: Atlas) -> tuple[Int64, Float64]:
     na, nb = normals[fa[:, None], corner[a]], normals[fb[:, None], corner[b]]
     smooth = (np.einsum("ecx,ecx->ec", na, nb) > _SMOOTH).all(axis=1)
     apart = (atlas.page[fa] != atlas.page[fb]) | (np.abs(uv[:, 0] - uv[:, 1]).max(axis=(1, 2)) > 1e-3)
-    some = atlas.areas > 0  # what is a point on its page has no edges
+    some = atlas.areas > 0  # a face that is a point on its page has no edges
     wanted = smooth & apart & some[fa] & some[fb]
     return np.stack([fa, fb], axis=1)[wanted], uv[wanted]

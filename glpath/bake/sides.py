@@ -1,12 +1,13 @@
-"""Which sides of a scene's surfaces get texels, and which points of them are inside other geometry.
+"""Find the sides of a scene's surfaces that get texels, and points of them that are inside other geometry.
 
-All that can be seen get some: every front, and the back of a material with two sides, but for the inside of a
-closed solid, which is proved (`solids`). Sides that no chain of rays leads from to a lamp, to the sky or to a
-punctual light are dark. They get fewer texels and never none, as this is sampled. A point from which one
-sees nothing but dark sides is inside something, as the floor is under a box that stands on it.
+All sides that can be seen get texels: every front, and the back of a two-sided material. The inside of a closed
+solid gets none, because `solids` proves that it is never seen. A side is dark if no chain of rays leads from it to
+a lamp, to the sky or to a punctual light. Dark sides get fewer texels, but some, because they are found by
+sampling. A point is inside other geometry if all its rays meet dark sides, for example on the floor under a box.
 
 Cost:     a few hundred thousand rays on the CPU for the sides; a ray or two for each point.
-Poor at:  light that gets in by a hole which none of some thousand rays from a surface finds: its texels are large.
+Poor at:  light through a hole that none of some thousand rays from a surface finds. Texels of that surface are
+          large.
 """
 
 from __future__ import annotations
@@ -29,28 +30,32 @@ from glpath.system.machine import core_count
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-#: Walks from a side of a piece, round by round until it is found to be lit, and of all in a round; at least one.
-_ROUNDS, _RAYS = (16, 64, 256, 1024), 1 << 17
-#: Share of walks from which on a side is lit before the last round, and after it: a few slip through edges.
-_SURELY, _SLIPS = 0.02, 1e-3
-#: Texels along a dark side for one along a lit one.
+#: Number of random walks from a side of a piece in each round. Rounds continue until the side counts as lit.
+_ROUNDS = (16, 64, 256, 1024)
+#: Maximum number of walks from all sides in a round, but each side has at least one.
+_RAYS = 1 << 17
+#: Fraction of a side's walks that reach light, from which the side counts as lit after any round.
+_SURELY = 0.02
+#: The same fraction after the last round. It is above zero, because a few walks slip through edges.
+_SLIPS = 1e-3
+#: Texels per length on a dark side, relative to a lit side.
 _DARK = 0.25
-#: Rays start so far before a surface, in the size of the scene.
+#: Distance of the start of rays from a surface, as a fraction of the scene's diagonal.
 _BEFORE = 1e-6
-#: Rays of a point before it counts as inside.
+#: Number of rays from a point, which is inside if all of them meet dark sides.
 _LOOKS = 16
-#: Or beside a dark side: this share of its rays meets some within two texels.
+#: Fraction of these rays. If as many meet dark sides within two texels, the point also counts as inside.
 _BESIDE = 0.25
-#: Times that a point in the dark is joined with lamps, and the most punctual lights that are asked.
+#: Number of attempts to connect a point to lamps, and maximum number of punctual lights that are tried.
 _JOINS = 8
-#: Rays that a thread takes at a time.
+#: Number of rays that a thread traces in one batch.
 _TOGETHER = 1 << 14
-#: Bounces of a walk from a side that looks for light.
+#: Maximum number of bounces of a random walk that looks for light.
 _BOUNCES = 8
 
 
 class Backs(NamedTuple):
-    """(T, 3) normals, and (T,) whether the back is not there."""
+    """Normals (T, 3) of triangles, and (T,) bool, True for triangles with a culled back."""
 
     normals: Float64
     culled: Bools
@@ -58,7 +63,10 @@ class Backs(NamedTuple):
 
 @kernel
 def _cast(rays, backs, origins, directions, own, hits, distances, work):  # type: ignore[no-untyped-def]
-    """What rays meet first, backs that are not there left out. work: (2, 3)."""
+    """Fill the first hit and its distance for each ray. Rays pass through culled backs.
+
+    work : (2, 3) memory for temporary values
+    """
     o, found = work[0], work[1]
     for i in range(len(origins)):
         skipped, distances[i] = own[i], 0.0
@@ -82,12 +90,12 @@ def _cast(rays, backs, origins, directions, own, hits, distances, work):  # type
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """The sides of a scene's triangles: 0 is the front, 1 the back.
+    """Sides of a scene's triangles: 0 is the front, 1 the back.
 
-    shown   : (T, 2) bool, it gets texels; of each triangle at least one side
-    hidden  : (T, 2) bool, it would be shown, were it not the inside of a closed solid
-    lit     : (T, 2) bool, light was found to get there, and is sent on or shown
-    beyond  : whether what leaves the scene counts as coming to light
+    shown   : (T, 2) bool, True for sides that get texels; each triangle has at least one such side
+    hidden  : (T, 2) bool, True for sides without texels because they are the inside of a closed solid
+    lit     : (T, 2) bool, True for shown sides that emit light, or that light was found to reach
+    beyond  : True if rays that leave the scene count as reaching light
     """
 
     scene: Scene
@@ -100,10 +108,11 @@ class Sides:
 
     @classmethod
     def of(cls, scene: Scene, seed: int = 0, streamed: bool = False) -> Sides:
-        """The sides of a scene in triangles.
+        """Return the sides of a triangulated scene.
 
-        seed     : of the rays that find light; `shown` does not use it
-        streamed : streamed triangles are around it, which send light on: what leaves the scene comes to some
+        seed     : seed of the rays that look for light; `shown` does not depend on it
+        streamed : True if the scene has streamed triangles around it. They reflect light, so rays that leave the
+                   scene then count as reaching light
         """
         beyond = _shines_from_everywhere(scene) or streamed
         rays = rays_of(scene)
@@ -111,21 +120,22 @@ class Sides:
         hidden = np.zeros(surfaces.sends.shape, np.bool_)
         if surfaces.sends.all(axis=1).any():
             hidden = surfaces.sends & inside_solids(scene, rays, ~surfaces.passes, surfaces.shines)
-            hidden[~np.asarray(surfaces.sends.all(axis=1))] = False  # where the other side is not there
+            # Only triangles whose other side gets texels have a hidden side.
+            hidden[~np.asarray(surfaces.sends.all(axis=1))] = False
         shown = surfaces.sends & ~hidden
         lit = _lit(scene, rays, surfaces, shown, seed, beyond)
         return cls(scene, shown, hidden, lit, rays, surfaces, beyond)
 
     @property
     def density(self) -> Float64:
-        """(T, 2): texels along a side for one along a lit one; 0 of what is not shown."""
+        """Texels per length (T, 2) on each side, relative to a lit side; 0 for sides that get no texels."""
         return np.where(self.shown, np.where(self.lit, 1.0, _DARK), 0.0)
 
     def inside(self, triangle: Int64, side: Int64, points: Float64, near: Float64, first: int = 0) -> Bools:
-        """(N,): whether points (N, 3) of sides of triangles are inside other geometry, or behind it.
+        """Return (N,) bool: True for points (N, 3) of triangle sides that are inside or behind other geometry.
 
-        near  : (N,) scene units, as far as what is behind a thin wall counts as behind it
-        first : number of the first point, of more that are asked in parts: each looks in directions of its own
+        near  : (N,) distance from dark sides up to which points behind a thin wall count as inside, scene units
+        first : index of the first point among the points of several calls; each index has its own ray directions
         """
         normals, origins = points_before(self, triangle, side, points)
         count = len(points)
@@ -147,13 +157,14 @@ class Sides:
         return found
 
     def cast(self, origins: Float64, directions: Float64, own: Int64) -> tuple[Int64, Int64, Float64]:
-        """As `cast`, of the same scene."""
+        """Return the first hits of rays with this scene, as `cast` does."""
         return _hit(self.surfaces, self.rays, origins, directions, own)
 
     def apart(self, triangle: Int64, points: Float64, others: Float64) -> Bools:
-        """(N,): whether a wall without thickness, lit on both sides, is between points (N, 3) and others.
+        """Return (N,) bool: True if a wall without thickness, lit on both sides, separates two points.
 
-        triangle : (N,) that the points are on, which is no wall between them
+        triangle       : (N,) triangles that `points` are on, which do not count as walls
+        points, others : (N, 3)
         """
         thin = np.asarray(self.lit.all(axis=1))
         found = np.zeros(len(points), np.bool_)
@@ -165,7 +176,7 @@ class Sides:
         return found
 
     def _joined(self, origins: Float64, normals: Float64, own: Int64) -> Bools:
-        """Whether something that shines is seen straight on."""
+        """Return bool: True for origins that see a light without a bounce."""
         found = np.zeros(len(origins), np.bool_)
         surfaces, random = self.surfaces, np.random.default_rng(1)
         for _ in range(_JOINS if len(origins) else 0):
@@ -177,24 +188,26 @@ class Sides:
 
 
 def points_before(sides: Sides, triangle: Int64, side: Int64, points: Float64) -> tuple[Float64, Float64]:
-    """(N, 3) normals of sides of triangles, and (N, 3) where rays from points (N, 3) on them start."""
+    """Return normals (N, 3) of triangle sides, and origins (N, 3) of rays from points (N, 3) on these sides."""
     normals = sides.surfaces.normals[triangle] * (1 - 2 * side)[:, None]
     return normals, points + _BEFORE * _size(sides.scene) * normals
 
 
 def _lit(scene: Scene, rays: Rays, surfaces: _Surfaces, shown: Bools, seed: int, beyond: bool) -> Bools:
-    """(T, 2): by random walks from all over each connected piece of a mesh, both of whose sides are alike all over.
+    """Return (T, 2) bool, True for lit sides.
 
-    A walk ends where something that shines is hit, or seen from there. Pieces of which few walks do are asked again
-    with more of them, as small lamps and far windows are seldom hit.
+    Random walks start on each side of each connected piece of a mesh. All triangles of a piece have the same result
+    on the same side. A walk ends if it hits a light, or if one of its
+    points sees a light. If few walks from a side end so, more walks start in the next round, because small lamps
+    and far windows are seldom hit.
     """
-    # What of a shape shares corners is one piece.
+    # A piece consists of the triangles of a shape that are connected by shared corners.
     shape = np.broadcast_to(scene.triangle_shape[:, None, None], (len(scene.triangles), 3, 1))
     piece = pieces(np.concatenate([scene.triangles, shape], axis=2))
     count = int(piece.max()) + 1
     order = np.argsort(piece, kind="stable")
     first = np.searchsorted(piece[order], np.arange(count + 1))
-    # Either side of a piece is one: 2 piece + side.
+    # The index of a side of a piece is 2 * piece + side.
     exists = np.zeros(2 * count, np.bool_)
     for side in range(2):
         exists[2 * piece[shown[:, side]] + side] = True
@@ -219,12 +232,15 @@ def _lit(scene: Scene, rays: Rays, surfaces: _Surfaces, shown: Bools, seed: int,
 
 @dataclass(frozen=True, eq=False)
 class _Surfaces:
-    """(T, 2) bool of each triangle's sides: whether it shines, and whether it sends light on at all.
+    """Optical properties of a scene's triangles.
 
-    passes : (T,) whether light goes through
-    culled : (T,) whether its back is not there
-    normals : (T, 3) float64, the scene's
-    lamps, chance : triangles that shine and how often each is taken, by area
+    shines  : (T, 2) bool, True for sides that emit light
+    sends   : (T, 2) bool, True for sides that reflect or emit light: all fronts, and some backs
+    passes  : (T,) bool, True for triangles that light can pass
+    culled  : (T,) bool, True for triangles with a culled back
+    normals : (T, 3) float64, normals of the scene
+    lamps   : (L,) triangles that emit light
+    chance  : (L,) probability of the choice of each lamp, proportional to its area
     """
 
     shines: Bools
@@ -263,7 +279,7 @@ def _walk(
     random: np.random.Generator,
     beyond: bool,
 ) -> Bools:
-    """(N,): whether a random walk from points of sides of triangles comes to light."""
+    """Return (N,) bool: True if a random walk from a point of a triangle side reaches light."""
     found = surfaces.shines[triangle, side].copy()
     left = np.flatnonzero(~found)
     triangle, side, points = triangle[left], side[left], points[left]
@@ -291,10 +307,10 @@ def _walk(
 def _shining_points(
     scene: Scene, surfaces: _Surfaces, origins: Float64, random: np.random.Generator
 ) -> list[tuple[Float64, Float64, Int64]]:
-    """From each origin (N, 3) towards a point of some lamp, and to the punctual lights.
+    """Return rays from each origin (N, 3) to the punctual lights, and to a random point of a random lamp.
 
-    Of each the unit direction, the distance, infinite of a lamp that is seen from behind, and the triangle that is
-    there, -1 for none.
+    Each entry has unit directions (N, 3), distances (N,), and the lamps' triangles (N,), -1 for punctual lights.
+    The distance is infinite for directional lights, and for a lamp's side that does not emit.
     """
     none = np.full(len(origins), -1)
     made = []
@@ -307,13 +323,13 @@ def _shining_points(
         lamp = random.choice(surfaces.lamps, len(origins), p=surfaces.chance)
         towards, length = _unit(_on(scene.triangles[lamp], random.random((len(origins), 2))) - origins)
         back = np.einsum("ij,ij->i", surfaces.normals[lamp], towards) > 0
-        # A point behind a lamp that shines from its front alone is joined with nothing.
+        # A point behind a lamp that emits only from its front gets an infinite distance, so it is not connected.
         made.append((towards, np.where(surfaces.shines[lamp, back.astype(np.int64)], length, np.inf), lamp))
     return made
 
 
 def _reaches(hit: Int64, distance: Float64, length: Float64, target: Int64) -> Bools:
-    """(N,): whether rays that meet `hit` get to what `_shining_points` says; never to a lamp's back."""
+    """Return (N,) bool: True if a ray of `_shining_points` reaches its light, and not a lamp's dark back."""
     behind = (target >= 0) & ~np.isfinite(length)
     return np.asarray(~behind & ((hit < 0) | (hit == target) | (distance > length)))
 
@@ -321,21 +337,24 @@ def _reaches(hit: Int64, distance: Float64, length: Float64, target: Int64) -> B
 def cast(
     scene: Scene, rays: Rays, origins: Float64, directions: Float64, own: Int64
 ) -> tuple[Int64, Int64, Float64]:
-    """(N,) triangle hit by rays (N, 3), but for `own` (-1: none), its side, and the distance."""
+    """Return first hits of rays (N, 3): triangle (N,), -1 for none, side (N,), and distance (N,).
+
+    own : (N,) triangle that a ray cannot hit; -1 for none
+    """
     return _hit(_Surfaces.of(scene), rays, origins, directions, own)
 
 
 def _hit(
     surfaces: _Surfaces, rays: Rays, origins: Float64, directions: Float64, own: Int64
 ) -> tuple[Int64, Int64, Float64]:
-    """(N,) triangle (-1: none), the side that is hit, and the distance."""
+    """Return first hits as `cast` does."""
     return first_hits(rays, Backs(surfaces.normals, surfaces.culled), origins, directions, own)
 
 
 def first_hits(
     rays: Rays, backs: Backs, origins: Float64, directions: Float64, own: Int64
 ) -> tuple[Int64, Int64, Float64]:
-    """(N,) triangle (-1: none) that rays (N, 3) hit, but for `own`, the side that is hit, and the distance."""
+    """Return first hits of rays as `cast` does, traced by several threads."""
     hits, distances = np.empty(len(origins), np.int64), np.empty(len(origins))
     arrays = (
         np.ascontiguousarray(origins),
@@ -370,23 +389,27 @@ def _unit(vectors: Float64) -> tuple[Float64, Float64]:
 
 
 def _on(triangles: Float64, uv: Float64) -> Float64:
-    """(N, 3): a point of each triangle (N, 3, 3), evenly."""
+    """Return a point (N, 3) of each triangle (N, 3, 3), with uniform density for uniform uv (N, 2) in [0, 1)."""
     root = np.sqrt(uv[:, :1])
     b1, b2 = root * (1 - uv[:, 1:]), root * uv[:, 1:]
     return np.asarray(triangles[:, 0] * (1 - b1 - b2) + triangles[:, 1] * b1 + triangles[:, 2] * b2)
 
 
 def hemisphere(normals: Float64, number: Int64, look: int, looks: int) -> Float64:
-    """(N, 3): the direction of a look by the cosine about the normals, the first along them; turned by number."""
+    """Return (N, 3) directions about normals (N, 3), cosine-distributed over all `looks`.
+
+    look   : index of the direction, below `looks`; direction 0 is along the normal
+    number : (N,) integer that determines the rotation about the normal
+    """
     phi = (0.6180339887498949 * look + 0.7548776662466927 * number) % 1.0
     return around(normals, np.stack([np.full(len(number), look / looks), phi], axis=1))
 
 
 def around(normals: Float64, uv: Float64) -> Float64:
-    """(N, 3) unit directions about unit normals, by the cosine, of points (N, 2) of the unit square."""
+    """Return (N, 3) unit directions about unit normals, cosine-distributed for points (N, 2) of the unit square."""
     r, phi = np.sqrt(uv[:, :1]), 2 * np.pi * uv[:, 1:]
     x, y, z = normals.T
-    sign = np.where(z >= 0, 1.0, -1.0)  # Duff et al. 2017, "Building an orthonormal basis, revisited"
+    sign = np.where(z >= 0, 1.0, -1.0)  # source: Duff et al. 2017, Building an Orthonormal Basis, Revisited
     a = -1.0 / (sign + z)
     s = np.stack([1.0 + sign * x * x * a, sign * x * y * a, -sign * x], axis=1)
     t = np.stack([x * y * a, sign + y * y * a, -y], axis=1)

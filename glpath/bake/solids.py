@@ -1,11 +1,12 @@
-"""Sides of triangles that are inside a closed, opaque solid without a light in it, where they are never seen.
+"""Find triangle sides that are inside a closed, opaque solid without a light in it, because these are never seen.
 
-A closed surface is a set of triangles each edge of which two of them share, in opposite order, and which does not
-cross itself. One of its sides is then its inside everywhere, whatever its winding, and the sign of its volume
-says which (Jordan and Brouwer). It is proved, not sampled: whatever cannot be proved counts as seen.
+In a closed surface, two triangles share each edge in opposite order, and the surface does not cross itself. One of
+its sides is then the inside everywhere, whatever its winding. The sign of its volume decides which side (Jordan and
+Brouwer). This is a proof, not sampling, and a side without proof counts as seen.
 
 Cost:     a segment through a BVH for each edge of closed surfaces.
-Poor at:  solids that stand open on the floor, or whose edges do not meet to the last bit: none of them is closed.
+Poor at:  solids that are open where they stand on the floor, or whose edges are not bit-identical. They are not
+          closed.
 """
 
 from __future__ import annotations
@@ -24,20 +25,20 @@ from glpath.system.kernels import kernel
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-#: The least volume of a solid, over its area to the power of 1.5: a sheet that is there twice has none.
+#: Minimum volume of a solid, relative to its area to the power of 1.5. A doubled sheet has no volume.
 _THIN = 1e-7
-#: Segments along edges leave out this share at both ends, where other triangles touch.
+#: Fraction of an edge left out at both ends of its segment, where other triangles touch it.
 _ENDS = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Closed:
-    """Surfaces whose edges are shared by two triangles each, and the rest.
+    """Surfaces of a scene, each a set of triangles connected by edges that two of them share.
 
-    vertex  : (T, 3) numbers of corners, equal where positions are
-    surface : (T,) the number of the surface that a triangle is of, joined along such edges
-    closed  : (surfaces,) whether it has no other edges
-    inner   : (surfaces,) the side that is inside, 0 the front, 1 the back; -1 where it encloses next to nothing
+    vertex  : (T, 3) indices of corners, equal for equal positions
+    surface : (T,) index of each triangle's surface
+    closed  : (surfaces,) bool, True if two triangles share every edge
+    inner   : (surfaces,) side that is inside, 0 for the front, 1 for the back; -1 if the volume is nearly zero
     """
 
     vertex: Int64
@@ -47,7 +48,7 @@ class Closed:
 
     @classmethod
     def of(cls, scene: Scene) -> Closed:
-        """The solids of a scene in triangles, not tested for crossing themselves."""
+        """Return the surfaces of a triangulated scene, without a test if they cross themselves."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
@@ -69,7 +70,8 @@ class Closed:
         joined = coo_array((np.ones(len(a), np.int8), (face[a], face[b])), shape=(count, count))
         number, surface = connected_components(joined, directed=False)
         closed = np.bincount(surface, ~shared.reshape(-1, 3).all(axis=1), number) == 0
-        # About a corner of their own, so that surfaces far from the origin keep their digits.
+        # Coordinates are relative to a corner of the surface, so that surfaces far from the origin keep their
+        # precision.
         anchor = np.zeros((number, 3))
         anchor[surface] = scene.triangles[:, 0]
         p, q, r = np.moveaxis(scene.triangles - anchor[surface][:, None], 1, 0)
@@ -80,20 +82,20 @@ class Closed:
 
 
 def welded(scene: Scene) -> Int64:
-    """(T, 3): numbers of corners that are equal where positions are equal to the last bit."""
-    points = np.ascontiguousarray(scene.shapes.vertices + 0.0)  # no zero has a sign
+    """Return (T, 3) indices of corners, equal for bit-identical positions."""
+    points = np.ascontiguousarray(scene.shapes.vertices + 0.0)  # turns -0.0 into 0.0
     rows = points.view(np.dtype((np.void, points.strides[0]))).ravel() if len(points) else points[:, 0]
     _, which = np.unique(rows, return_inverse=True)
     return np.asarray(which.astype(np.int64)[scene.shapes.faces])
 
 
 def inside_solids(scene: Scene, rays: Rays, opaque: Bools, shines: Bools) -> Bools:
-    """(T, 2): the sides, 0 the front, 1 the back, that are the inside of a solid, none of whose own shines.
+    """Return (T, 2) bool: True for fronts (0) and backs (1) that are the inside of a solid.
 
-    opaque : (T,) whether a triangle lets no light through
-    shines : (T, 2) whether a side does
+    A closed surface is a room, not a solid, if its inside emits, or if the camera or a part of a lamp is inside.
 
-    A surface that a lamp is in, or reaches into, is a room and no solid; so is one that the camera is in.
+    opaque : (T,) bool, True for triangles that block all light
+    shines : (T, 2) bool, True for sides that emit light
     """
     none = np.zeros((len(opaque), 2), np.bool_)
     found = Closed.of(scene)
@@ -114,7 +116,7 @@ def inside_solids(scene: Scene, rays: Rays, opaque: Bools, shines: Bools) -> Boo
     ends = np.stack([scene.triangles[which, corner], scene.triangles[which, (corner + 1) % 3]], axis=1)
     _cross(rays, found.vertex, found.surface, lamps, which, edges[which, corner], ends, crossed)
     solid &= ~crossed
-    # A lamp that crosses no solid is inside of it as a whole, or not at all.
+    # A lamp that does not cross a solid is wholly inside or wholly outside, so one point of the lamp decides.
     _, firsts = np.unique(found.surface[lamps], return_index=True)
     some = np.flatnonzero(lamps)[firsts] if lamps.any() else np.zeros(0, np.int64)
     seen_from = [
@@ -130,7 +132,10 @@ def inside_solids(scene: Scene, rays: Rays, opaque: Bools, shines: Bools) -> Boo
 
 
 def _inhabited(scene: Scene, found: Closed, solid: Bools, points: Float64, own: Int64) -> Bools:
-    """(surfaces,): the solids that are around one of points (N, 3), but for the surfaces (N,) that these are on."""
+    """Return (surfaces,) bool: True for solids that contain one of the points (N, 3).
+
+    own : (N,) surface that a point is on, which is not tested for this point; -1 for none
+    """
     inhabited = np.zeros(len(solid), np.bool_)
     order = np.argsort(found.surface, kind="stable")
     first = np.searchsorted(found.surface[order], np.arange(len(solid) + 1))
@@ -142,15 +147,22 @@ def _inhabited(scene: Scene, found: Closed, solid: Bools, points: Float64, own: 
         for number in candidates[around & (candidates != surface)]:
             if not inhabited[number]:
                 corners = scene.triangles[order[first[number] : first[number + 1]]]
-                inhabited[number] = abs(winding_number(corners, point)) > 0.25  # 0 or 1, but for what is on it
+                inhabited[number] = (
+                    abs(winding_number(corners, point)) > 0.25
+                )  # 0 outside, 1 inside, between them on the surface
     return inhabited
 
 
 @kernel
 def _cross(rays, vertex, surface, lamps, triangle, edge, ends, crossed):  # type: ignore[no-untyped-def]
-    """Mark surfaces that edges (E, 2) of triangles (E,) cross: their own, or a lamp's and any.
+    """Mark surfaces that cross themselves or a lamp.
 
-    ends : (E, 2, 3) where the edges are; crossed : (surfaces,) to be marked
+    An edge is tested against triangles of its own surface and of lamps. An edge of a lamp is tested against all.
+
+    triangle : (E,) triangles of the edges
+    edge     : (E, 2) corner indices of the edges
+    ends     : (E, 2, 3) positions of the edges' ends
+    crossed  : (surfaces,) bool, True for marked surfaces
     """
     boxes, corners = rays.boxes, rays.corners
     for i in range(len(triangle)):
@@ -181,14 +193,14 @@ def _cross(rays, vertex, surface, lamps, triangle, edge, ends, crossed):  # type
                     touches = touches or vertex[t, k] == edge[i, 0] or vertex[t, k] == edge[i, 1]
                 if touches:
                     continue
-                # Moeller & Trumbore 1997.
+                # Intersection by Moeller & Trumbore 1997.
                 e1x, e1y, e1z = corners[t, 3], corners[t, 4], corners[t, 5]
                 e2x, e2y, e2z = corners[t, 6], corners[t, 7], corners[t, 8]
                 px, py, pz = dy * e2z - dz * e2y, dz * e2x - dx * e2z, dx * e2y - dy * e2x
                 determinant = e1x * px + e1y * py + e1z * pz
                 e1, e2 = e1x * e1x + e1y * e1y + e1z * e1z, e2x * e2x + e2y * e2y + e2z * e2z
                 if determinant * determinant <= 1e-18 * length2 * e1 * e2:
-                    continue  # in one plane
+                    continue  # the edge is parallel to the triangle
                 over = 1 / determinant
                 sx, sy, sz = ox - corners[t, 0], oy - corners[t, 1], oz - corners[t, 2]
                 b1 = (sx * px + sy * py + sz * pz) * over

@@ -1,12 +1,12 @@
-"""Numbers in whole steps, so that the charts of a scene are the same wherever it stands.
+"""Round coordinates to whole steps, so that a scene has the same charts wherever it stands.
 
-xatlas is chaotic: a difference in the last digit of one corner can make other charts, and another page. A scene
-that was moved by (500123.37, 31.7, 5412345.91) has such differences twice: float64 has steps of 1e-9 there, and the
-fractions of the offset make every coordinate round otherwise to 32 bits. So corners are counted in steps from the
-least of them, which are far coarser than the former and exact in 32 bits.
+xatlas is chaotic: a difference in the last digit of one corner can lead to other charts, and to another page. A
+scene moved by (500123.37, 31.7, 5412345.91) has such differences for two reasons. float64 has steps of 1e-9 there,
+and the fractional parts of the offset change the rounding of every coordinate to 32 bits. Corners are therefore
+counted in steps from the lowest corner. These steps are much coarser than those of float64, and exact in 32 bits.
 
-Poor at:  scenes of about a unit with ten thousands of irregular corners at UTM coordinates: one of them may lie so
-          near the middle between two steps that it gets the other one there.
+Poor at:  scenes of about one unit with tens of thousands of irregular corners at UTM coordinates. A corner may lie
+          so close to the middle between two steps that it is rounded to the other step there.
 """
 
 from __future__ import annotations
@@ -17,35 +17,42 @@ import numpy as np
 
 from glpath.scene.model import Float64
 
-#: A step in heights of the narrowest triangle, whose directions it changes by no more than that; and the least and
-#: the largest one, in extents of all. Of the least there are fewer than 2^24, as many as 32 bits have.
-_OF_NARROWEST, _SMALLEST, _LARGEST = 2.0**-10, 2.0**-20, 2.0**-16
-#: Sizes change from one power of two to the next at those divided by this, where no round number is.
+#: Step as a fraction of the height of the narrowest triangle. Rounding changes its directions by no more than this.
+_OF_NARROWEST = 2.0**-10
+#: Smallest step as a fraction of the extent of all corners. The extent then has fewer than 2^24 steps, which are
+#: exact in 32-bit floats.
+_SMALLEST = 2.0**-20
+#: Largest step as a fraction of the extent of all corners.
+_LARGEST = 2.0**-16
+#: Factor on sizes before they are rounded to a power of two, so that the result does not change at round numbers.
 _ODD = 1.2345
-#: Bits of what `rounded` returns.
+#: Number of bits of the values that `rounded` returns.
 _BITS = 16
 
 
 def power_of_two(value: float) -> float:
-    """The one that is about a positive value, and 1 for zero; the same for values that differ by rounding."""
+    """Return a power of two near a positive value, and 1 for zero.
+
+    Values that differ by rounding give the same power.
+    """
     return 2.0 ** math.floor(math.log2(_ODD * value)) if value > 0 else 1.0
 
 
 def rounded(value: float) -> float:
-    """To 16 bits."""
+    """Return the value rounded to 16 bits."""
     mantissa, exponent = math.frexp(value)
     return math.ldexp(round(math.ldexp(mantissa, _BITS)), exponent - _BITS)
 
 
 def points_in_steps(points: Float64) -> Float64:
-    """Points (N, 3) in whole steps from their least coordinates, some 2^-16 of their extent."""
+    """Return points (N, 3) in whole steps from their lowest coordinates; a step is about 2^-16 of the extent."""
     low = points.min(axis=0)
     step = power_of_two(float((points.max(axis=0) - low).max())) * _LARGEST
     return np.asarray(np.rint((points - low) / step))
 
 
 def corners_in_steps(corners: Float64) -> tuple[Float64, float]:
-    """Corners of triangles (T, 3, 3) in whole steps from their least coordinates; and the step, a power of two."""
+    """Return corners (T, 3, 3) in whole steps from their lowest coordinates, and the step, a power of two."""
     low = corners.min(axis=(0, 1))
     extent = float((corners.max(axis=(0, 1)) - low).max())
     edges = np.roll(corners, -1, axis=1) - corners

@@ -1,21 +1,24 @@
-"""Rays against streamed triangles, and which points of surfaces are below them, as a cellar's walls are.
+"""Rays against streamed triangles, and a test for points of surfaces below them, such as the walls of a cellar.
 
-Streamed triangles have no texels, but they cover some. Such texels are lit by nothing that anybody sees: they are
-dark, or have the sky below an open sheet of terrain. As those inside of other geometry, they get the light beside
-them, so that no fringe shows where a wall enters the ground.
+Streamed triangles have no texels, but they cover texels of other surfaces. No camera sees the light of covered
+texels. Below an open sheet of terrain, it is dark or comes from the sky. Like texels inside of other geometry,
+covered texels get the light of the texels beside them, so that no fringe shows at the line where a wall enters the
+ground.
 
-A point is covered where two things hold. It is below: most of a few rays, upwards from a sheet, or all around where
-the stream is closed, first meet backs of streamed triangles; what is in memory stops none of them. And what its
-surface faces is the ground: of sixteen rays a quarter meet such backs, or leave the scene below the sheet, and
-fewer get into the open or to streamed fronts. The first keeps what stands free, the second the rooms of a cellar.
+A point is covered if it is below the stream and its surface faces the ground. The first condition leaves out
+surfaces above the ground, and the second leaves out the rooms of a cellar.
+- The point is below if most of a few rays first meet backs of streamed triangles. The rays go upwards for a sheet,
+  and in all directions for a closed stream. Triangles in memory do not stop them.
+- The surface faces the ground if a quarter of sixteen rays meet such backs, or leave the scene below the sheet.
+  Also, fewer rays reach the open, or fronts of streamed triangles, than reach the ground.
 
-Up is where the fronts of a sheet face: the sum of its area vectors, which is zero for a closed surface.
+The fronts of a sheet face upwards. Up is therefore the direction of the sum of its area vectors. The
+sum is zero for a closed surface.
 
-Cost:     the chunks are read four times or five, and a BVH is made of them each time, in parts as large as the
-          budget allows: about three seconds for a million triangles. Where no point is below, only the chunks above
-          them are read for this.
-Poor at:  sheets whose fronts face the ground: nothing is below those. Backs that some light was found to get to,
-          as those of a roof over open ground, cover nothing.
+Cost:     four or five reads of the chunks, with a new BVH for each part that fits into the budget. That takes about
+          three seconds for a million triangles. If no point is below, only the chunks above the points are read.
+Poor at:  sheets whose fronts face the ground, because no point counts as below them. Backs that some light reaches,
+          such as those of a roof over open ground, cover nothing.
 """
 
 from __future__ import annotations
@@ -43,27 +46,32 @@ from glpath.scene.triangulate import check_resident
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-#: Bytes a triangle of a part: corners and BVH, 240 measured, and what making it takes for a while. And of a chunk
-#: as it is read, in 64 bits, before and after it is placed and checked.
-_BYTES_A_TRIANGLE, _BYTES_IN_THE_READING = 400, 400
-#: Of the area of all triangles, how long the sum of their area vectors is for them to be a sheet.
+#: Bytes per triangle of a part in memory: corners and BVH (240 measured), and the temporary memory of their build.
+_BYTES_A_TRIANGLE = 400
+#: Bytes per triangle of a chunk during reading, in 64 bits, before and after its placement and checks.
+_BYTES_IN_THE_READING = 400
+#: Minimum length of the sum of all area vectors of a sheet, as a fraction of the total area.
 _SHEET = 0.05
-#: Rays upwards from a sheet lean by so many degrees.
+#: Angle between upward rays and the up direction of a sheet, degrees.
 _LEANING = 20.0
-#: Rays of a point on a surface, and the share of them that meets the ground where it is covered.
-_LOOKS, _GROUND = 16, 0.25
-#: Points on backs from which light is looked for, and the share of them that finds some where the backs are lit.
-_SAMPLES, _LIT = 1024, 0.25
-#: Points that are asked for together: each has a dozen rays of 100 bytes.
+#: Number of rays from a point that test if its surface faces the ground.
+_LOOKS = 16
+#: Minimum fraction of these rays that meet the ground if the point is covered.
+_GROUND = 0.25
+#: Number of points on backs from which rays look for light.
+_SAMPLES = 1024
+#: Minimum fraction of these rays, weighted by area, that find light if the backs of a stream are lit.
+_LIT = 0.25
+#: Number of points in one batch; each has a dozen rays of 100 bytes.
 _TOGETHER = 1 << 17
 
 
 class StreamedHits(NamedTuple):
-    """What rays meet first of streamed triangles.
+    """First hits of N rays with streamed triangles.
 
-    stream   : (N,) number of the stream, of `Shapes.streams`; -1 for none
-    back     : (N,) whether it is its back
-    distance : (N,) scene units, infinite for none
+    stream   : (N,) index of the triangle's stream in `Shapes.streams`; -1 without a hit
+    back     : (N,) bool, True if the ray hits the triangle's back
+    distance : (N,) scene units, infinite without a hit
     """
 
     stream: Int64
@@ -74,16 +82,16 @@ class StreamedHits(NamedTuple):
 class _Part(NamedTuple):
     rays: Rays
     backs: Backs
-    stream: Int64  # (T,) of each triangle
+    stream: Int64  # (T,) index of each triangle's stream
 
 
 class StreamedRays:
-    """The streams of a scene in parts that fit into a budget, each with a BVH on the CPU while rays go through it.
+    """Streams of a scene in parts that fit into a budget. Each part has a BVH on the CPU while rays are traced.
 
-    scene  : in triangles, centred
-    budget : MiB for a part
+    scene  : triangulated scene, centred
+    budget : maximum MiB of a part
 
-    Raises UsageError for a budget that has no room for the largest chunk.
+    Raises UsageError if the largest chunk does not fit into the budget.
     """
 
     def __init__(self, scene: Scene, budget: int) -> None:
@@ -101,9 +109,9 @@ class StreamedRays:
         self._last: tuple[tuple[int, ...], _Part] | None = None
 
     def cast(self, origins: Float64, directions: Float64, crossed: Bools | None = None) -> StreamedHits:
-        """What rays (N, 3) meet first; backs that are not there (`Material.culled`) left out.
+        """Return the first hits of rays (N, 3). Rays pass through culled backs (`Material.culled`).
 
-        crossed : (chunks,) those that a ray may cross; all
+        crossed : (chunks,) bool, True for chunks that a ray may cross; None for all
         """
         count = len(origins)
         stream, back = np.full(count, -1), np.zeros(count, np.bool_)
@@ -117,16 +125,16 @@ class StreamedRays:
         return StreamedHits(stream, back, distance)
 
     def forget(self) -> None:
-        """Keep no triangle in memory."""
+        """Free the triangles and the BVH of the last part."""
         self._last = None
 
     def chunks(self) -> Iterator[tuple[int, Float64]]:
-        """The number of its stream and the triangles (F, 3, 3) of each chunk."""
+        """Yield the index of the stream and the triangles (F, 3, 3) of each chunk."""
         for which, number in self._chunks:
             yield which, self._streams[which].triangles(number)
 
     def crossed_by(self, origins: Float64, directions: Float64) -> Bools:
-        """(chunks,): those that rays from all origins (N, 3) along each of directions (D, 3) may cross."""
+        """Return (chunks,) bool: True if a ray from any origin (N, 3) along any direction (D, 3) may cross it."""
         low, high = origins.min(axis=0), origins.max(axis=0)
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         found = np.zeros(len(self.lower), np.bool_)
@@ -139,7 +147,7 @@ class StreamedRays:
         return found
 
     def _parts(self, crossed: Bools) -> Iterator[_Part]:
-        """Of the chunks that are crossed; the last one is kept until others are asked for."""
+        """Yield parts of the chunks that are crossed. The last part is cached until other chunks are requested."""
         wanted = np.flatnonzero(crossed)
         ends = np.cumsum(self._counts[wanted])
         first = 0
@@ -148,7 +156,7 @@ class StreamedRays:
             last = first + max(1, int(np.searchsorted(ends[first:] - done, self._room, side="right")))
             numbers = tuple(wanted[first:last].tolist())
             if self._last is None or self._last[0] != numbers:
-                self._last = None  # before the next is made
+                self._last = None  # frees memory before the next part is built
                 self._last = numbers, self._part(numbers)
             yield self._last[1]
             first = last
@@ -166,18 +174,25 @@ class StreamedRays:
 
 
 class Covered:
-    """Which points of surfaces streamed triangles cover, see the module."""
+    """Test for points of surfaces that streamed triangles cover, see the module."""
 
     def __init__(self, rays: StreamedRays, sides: Sides | None) -> None:
-        """sides : of the scene in memory; None where nothing is"""
+        """Prepare the test.
+
+        sides : sides of the triangles in memory; None if no triangle is in memory
+        """
         self._rays, self._sides = rays, sides
         area, up, self._samples = _surveyed(rays)
         length = float(np.linalg.norm(up))
-        self._up = up / length if length > _SHEET * area else None  # None: closed
+        self._up = up / length if length > _SHEET * area else None  # None for a closed stream
         self._lit: Bools | None = None
 
     def __call__(self, triangle: Int64, side: Int64, points: Float64) -> Bools:
-        """(N,): whether streamed triangles cover points (N, 3) of sides of triangles of the scene in memory."""
+        """Return (N,) bool: True if streamed triangles cover a point.
+
+        triangle, side : (N,) triangles in memory that the points are on, and their sides
+        points         : (N, 3)
+        """
         found = np.zeros(len(points), np.bool_)
         for first in range(0, len(points), _TOGETHER):
             some = slice(first, first + _TOGETHER)
@@ -187,7 +202,7 @@ class Covered:
         return found
 
     def below(self, points: Float64) -> Bools:
-        """(N,): whether points (N, 3) are below streamed triangles, on the side of their unlit backs."""
+        """Return (N,) bool: True if a point (N, 3) is below streamed triangles, on the side of unlit backs."""
         directions = _corners_of_a_cube() if self._up is None else _upwards(self._up)
         count = len(directions)
         crossed = self._rays.crossed_by(points, directions)
@@ -199,9 +214,11 @@ class Covered:
         return np.asarray(self._dark(hits).reshape(-1, count).mean(axis=1) > 0.5)
 
     def ground(self, hits: StreamedHits, directions: Float64, distance: Float64) -> tuple[Bools, Bools]:
-        """(N,): whether rays come to the ground, and whether into the open; neither where something is before it.
+        """Return (N,) bool for rays that reach the ground, and (N,) bool for rays that reach the open.
 
-        distance : (N,) to what is in memory, infinite for nothing
+        Both are False for a ray that first meets a triangle in memory.
+
+        distance : (N,) distance of that triangle in memory; infinite if there is none
         """
         streamed = hits.distance < distance
         nothing = ~streamed & np.isinf(distance)
@@ -210,7 +227,7 @@ class Covered:
         return (streamed & dark) | (nothing & behind), (streamed & ~dark) | (nothing & ~behind)
 
     def _faces_ground(self, triangle: Int64, side: Int64, points: Float64, number: Int64) -> Bools:
-        """Whether of the rays from points enough come to the ground, and fewer into the open."""
+        """Return bool: True for points from which enough rays reach the ground, and fewer reach the open."""
         assert self._sides is not None, "whose surfaces these are"
         normals, origins = points_before(self._sides, triangle, side, points)
         directions = np.concatenate([hemisphere(normals, number, look, _LOOKS) for look in range(_LOOKS)])
@@ -218,18 +235,18 @@ class Covered:
         _, _, distance = self._sides.cast(starts, directions, own)
         ground, into_open = self.ground(self._rays.cast(starts, directions), directions, distance)
         ground, into_open = ground.reshape(_LOOKS, -1), into_open.reshape(_LOOKS, -1)
-        # Some do by the edge of a sheet, however far that is.
+        # Rays past the edge of a sheet reach the open, however far the edge is.
         share = ground.mean(axis=0)
         return np.asarray((share >= _GROUND) & (share > into_open.mean(axis=0)))
 
     def _dark(self, hits: StreamedHits) -> Bools:
-        """(N,): whether rays meet backs to which no light gets."""
+        """Return (N,) bool: True for rays that meet backs without light."""
         if self._lit is None:
             self._lit = self._lit_backs()
         return np.asarray((hits.stream >= 0) & hits.back & ~self._lit[hits.stream])
 
     def _lit_backs(self) -> Bools:
-        """(streams,): whether a ray from the backs often comes to the open, or to what is lit."""
+        """Return (streams,) bool: True if enough rays from the backs of a stream reach the open or lit surfaces."""
         scene, (stream, weight, points, normals) = self._rays.scene, self._samples
         size = float(np.linalg.norm(np.subtract(*scene.bounds)))
         origins = points - 1e-6 * size * normals
@@ -247,9 +264,11 @@ class Covered:
 
 
 def budget_for(scene: Scene, integrator: str | IntegratorSettings, options: Mapping[str, Any]) -> int:
-    """MiB for streamed triangles of a scene, by an integrator with options that may be None.
+    """Return the budget in MiB that an integrator has for streamed triangles of a scene.
 
-    Raises SceneError for a scene with streams, where the integrator does not know them, and UsageError.
+    options : options of the integrator; None for an option that is not given
+
+    Raises UsageError. Raises SceneError if the scene has streams that the integrator cannot render.
     """
     if scene.shapes.streams:
         given = {name: value for name, value in options.items() if value is not None}
@@ -261,7 +280,7 @@ def budget_for(scene: Scene, integrator: str | IntegratorSettings, options: Mapp
 
 
 def in_memory(scene: Scene) -> Scene:
-    """The scene with what is in memory alone, where it is; itself where that is all."""
+    """Return the scene without its streams, in the same coordinates; the scene itself if it has no streams."""
     if not scene.shapes.streams:
         return scene
     kept = Shapes(shape for shape in scene.shapes if shape.primitive != "stream")
@@ -269,9 +288,9 @@ def in_memory(scene: Scene) -> Scene:
 
 
 def _surveyed(rays: StreamedRays) -> tuple[float, Float64, tuple[Int64, Float64, Float64, Float64]]:
-    """The area of all streamed triangles, the sum of their area vectors (3,), and points on them.
+    """Return the area of all streamed triangles, the sum (3,) of their area vectors, and points on them.
 
-    Of the points the stream, the weight, the position and the normal.
+    The points are given by stream, weight, position and normal.
     """
     random = np.random.default_rng(0)
     total = sum(stream.count for _, stream in rays.scene.shapes.streams)
@@ -294,7 +313,7 @@ def _surveyed(rays: StreamedRays) -> tuple[float, Float64, tuple[Int64, Float64,
 
 
 def _upwards(up: Float64) -> Float64:
-    """(5, 3) unit: along a unit vector (3,), and leaning from it to four sides."""
+    """Return (5, 3) unit directions: a unit vector (3,), and four that lean from it to four sides."""
     angle = np.pi / 2 * (np.arange(4) + 0.3)
     r = math.sin(math.radians(_LEANING)) ** 2
     leaning = around(np.tile(up, (4, 1)), np.stack([np.full(4, r), angle / (2 * np.pi)], axis=1))
@@ -302,6 +321,6 @@ def _upwards(up: Float64) -> Float64:
 
 
 def _corners_of_a_cube() -> Float64:
-    """(8, 3) unit, turned so that none is along an axis or a diagonal."""
+    """Return (8, 3) unit directions to corners of a shifted cube. None is along an axis or a diagonal."""
     corners = np.array(list(np.ndindex(2, 2, 2))) * 2.0 - 1.0 + np.array([0.17, -0.11, 0.05])
     return np.asarray(corners / np.linalg.norm(corners, axis=1, keepdims=True))

@@ -23,8 +23,10 @@ Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 
-#: Samples per texel, depending on the number of texels, in ascending order.
+#: Pairs of the maximum area of all faces, texels^2, and the samples per texel, ascending. The first that fits
+#: applies.
 SAMPLES = ((1 << 18, 13), (1 << 20, 7), (1 << 62, 5))
+#: Generator of the sample lattice for each number of samples.
 _GENERATORS = {13: 5, 7: 3, 5: 2}
 # Number of page rows per batch, so that memory depends on the texels that exist.
 _BAND = 64

@@ -1,7 +1,8 @@
-"""A baked scene from its own camera, by looking texels up: as much of a picture as its exposure needs.
+"""Coarse view of a baked scene from its camera, by look-ups of texels. It determines the exposure.
 
-Cost:     nine rays through a BVH for each of some ten thousand pixels; no path. Streamed triangles are read once.
-Poor at:  mirrors and highlights, which are as bright as what is diffuse and as light would be.
+Cost:     nine rays through a BVH for each of some ten thousand pixels, without paths. Streamed triangles are read
+          once.
+Poor at:  mirrors and highlights, which get the brightness of a diffuse surface of the same reflectance.
 """
 
 from __future__ import annotations
@@ -23,17 +24,20 @@ if TYPE_CHECKING:
 
 Int64 = NDArray[np.int64]
 
-#: Pixels of the longer side, and how many panes a ray goes through.
-_LONGEST, _PANES = 128, 4
-#: Rays along a side of a pixel. A pixel at the edge of an unlit surface is dark, as in a picture, and not left out.
+#: Number of pixels along the longer side of the view.
+_LONGEST = 128
+#: Maximum number of clear surfaces that a ray passes.
+_PANES = 4
+#: Number of rays along each side of a pixel, whose value is the mean of all its rays. At the edge of an unlit
+#: surface, that surface contributes zeros to the mean, as in a picture.
 _RAYS_PER_SIDE = 3
 
 
 def seen_by_camera(baked: Lightmap) -> Float64:
     """Return (h, w, 3) radiance of the camera's view, W sr^-1 m^-2, linear Rec. 709.
 
-    Pixels are means of several rays. NaN where one meets streamed triangles, which have no light. Texels whose
-    rendered light is zero are black, whatever a denoiser left there.
+    A pixel is the mean of several rays. It is NaN if one of them meets streamed triangles, which have no texels.
+    Texels whose rendered light is zero are black, even if a denoiser has spread light to them.
     """
     scene = baked.scene
     camera = scene.camera.at()
@@ -85,7 +89,7 @@ def seen_by_camera(baked: Lightmap) -> Float64:
 
 
 def _looked_up(baked: Lightmap, triangle: Int64, side: Int64, b: Float64) -> Float64:
-    """(N, 3) irradiance at barycentric coordinates (N, 2); zero on sides that have no texels."""
+    """Return irradiance (N, 3) at barycentric coordinates (N, 2); zero on sides that have no texels."""
     atlas: Atlas = baked.atlas
     face_of = np.full((len(baked.scene.triangles), 2), -1)
     face_of[atlas.triangle, atlas.side] = np.arange(len(atlas.triangle))
@@ -100,7 +104,7 @@ def _looked_up(baked: Lightmap, triangle: Int64, side: Int64, b: Float64) -> Flo
 
 
 def _barycentric(triangles: Float64, points: Float64) -> Float64:
-    """(N, 2): b1 and b2 of points (N, 3) in the planes of triangles (N, 3, 3)."""
+    """Return barycentric coordinates b1, b2 (N, 2) of points (N, 3) in the planes of triangles (N, 3, 3)."""
     e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     p = points - triangles[:, 0]
     d11, d12, d22 = (np.einsum("ij,ij->i", x, y) for x, y in ((e1, e1), (e1, e2), (e2, e2)))

@@ -1,10 +1,10 @@
-"""xatlas' atlases, whose end does not wait for ever.
+"""Atlases of xatlas that end without a deadlock.
 
-An atlas has threads, and ends them when it is deleted: it wakes them without their mutex. A thread that has found
-nothing to do and is not asleep yet then sleeps for ever, and the process with it (xatlas 0.0.11, seen once in some
-thousand lightmaps). So an atlas is not let go before its threads sleep.
+An atlas has threads and ends them when it is deleted, but it wakes them without their mutex. A thread that has
+found no work and does not sleep yet then sleeps for ever, and the process waits for it. This happened once in some
+thousand lightmaps with xatlas 0.0.11. An atlas is therefore deleted only when its threads sleep.
 
-Poor at:  other systems than Linux, where it waits for a fixed time.
+Poor at:  systems other than Linux, which get a fixed waiting time.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import Any
 
 _TASKS = Path("/proc/self/task")
-_PAUSE, _PATIENCE = 0.0005, 0.25  # seconds
+_PAUSE = 0.0005  # time between two looks at the threads, seconds
+_PATIENCE = 0.25  # maximum time to wait for the threads, seconds
 
 
 @contextmanager
 def atlas_of(xatlas: Any) -> Iterator[Any]:
-    """An atlas to fill and to read; it is not used after the block."""
+    """Context with a new atlas, which must not be used after the block."""
     before = _threads()
     made = xatlas.Atlas()
     try:
@@ -31,7 +32,10 @@ def atlas_of(xatlas: Any) -> Iterator[Any]:
 
 
 def until_asleep(threads: set[str]) -> None:
-    """Wait until none of these threads of the process, by their numbers, runs: a quarter of a second at most."""
+    """Wait until all these threads of the process sleep, but at most for a quarter of a second.
+
+    threads : identifiers of the threads
+    """
     if not _TASKS.exists():
         time.sleep(20 * _PAUSE)
         return
@@ -47,6 +51,6 @@ def _threads() -> set[str]:
 def _runs(thread: str) -> bool:
     try:
         state = (_TASKS / thread / "stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:  # it has ended
+    except OSError:  # the thread has ended
         return False
     return state != "S"

@@ -28,9 +28,13 @@ Int64 = NDArray[np.int64]
 
 #: Padding of a bound, radians: more than the error of the shader's angles (angles.glsl) and of its rays.
 MARGIN = 1e-5
-#: Number of cells from which rectangles are divided into bands, approximate cells of a band, and maximum number of
-#: bands. Drawing a rectangle costs as much as some hundred rays.
-_LARGE, _BAND_CELLS, _BANDS = 1500, 300, 24
+#: Number of cells from which a rectangle is divided into bands. Drawing a rectangle costs as much as some hundred
+#: rays.
+_LARGE = 1500
+#: Approximate number of cells in a band.
+_BAND_CELLS = 300
+#: Maximum number of bands of a rectangle.
+_BANDS = 24
 TINY = 1e-300
 
 

@@ -47,9 +47,10 @@ SPLIT_FROM = 32768
 
 _GROUP = 64  # group size of t_buffer_small.comp
 _WIDEST = 1 << 15  # groups across, below every device's limit
-# Maximum and minimum point size in pixels. Larger points would shoot at more pixels only to discard them. On a
-# device whose points are smaller than the minimum, rectangles cost less.
-_SQUARE, _SMALLEST_SQUARE = 32, 8
+# Maximum point size in pixels. Larger points would test more pixels only to discard them.
+_SQUARE = 32
+# Minimum point size in pixels. On a device whose points are smaller, rectangles cost less.
+_SMALLEST_SQUARE = 8
 # GLSL constants for the reliability of a small primitive's number in its pixel; smaller values are more reliable.
 _SURENESS = """
 #define GROUP {group}
@@ -286,7 +287,7 @@ class _Squares:
 
     def __init__(self, objects: DeviceScene, size: tuple[int, int]) -> None:
         scene, numbers = objects.scene, objects.numbering
-        # Rounded as on the device, so that rounding cannot separate the two bounds.
+        # Round spheres to 32 bits as on the device, so that the bounds computed here hold for the shader's squares.
         spheres = scene.spheres[numbers.spheres[: numbers.first_ellipsoid]].astype(np.float32).astype(np.float64)
         self._parallel = scene.camera.projection == "orthographic"
         self._centres = spheres[:, :, 3]

@@ -1,1 +1,1 @@
-"""The command line: parse, call, show. Nothing is computed here."""
+"""Command line: parse arguments, call the library, show results. No results are computed here."""

@@ -1,4 +1,4 @@
-"""The commands of `glpath`: where each stands, and what `glpath --help` says of it."""
+"""List of the commands of `glpath`, with the module and the help line of each."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from glpath.cli.on_demand import Part
 
 PICTURES, LIGHT, SCENES, MACHINE = "Pictures", "Light in numbers and for other viewers", "Scenes", "This machine"
 
-#: In the order of the list.
+#: Commands by name, in the order of `glpath --help`.
 COMMANDS = {
     "render": Part("glpath.cli.render", PICTURES, "A picture of a scene."),
     "merge": Part("glpath.cli.merge", PICTURES, "One film or picture of films that were rendered apart."),

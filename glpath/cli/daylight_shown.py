@@ -1,4 +1,4 @@
-"""What `glpath daylight` shows on a model: sensors that are its texels, and values on them in .vtp and .glb."""
+"""Files of `glpath daylight` that show values on a model: sensors at its texels, written as .vtp and .glb."""
 
 from __future__ import annotations
 
@@ -21,11 +21,13 @@ if TYPE_CHECKING:
     from glpath.scene import Scene
 
 TEXELS = "texels"
-#: Files with the values where they are.
+#: Suffixes of files that show values at the sensors' positions.
 SHOWN = (".vtp", ".glb")
-# What colours a .glb, with a year and without.
-_OF_YEAR, _OF_SKY = "irradiation_year", "sky_view_factor"
-#: What may, of a year.
+# Quantity that colours a .glb if a year is computed.
+_OF_YEAR = "irradiation_year"
+# Quantity that colours a .glb without a year.
+_OF_SKY = "sky_view_factor"
+#: Quantities that may colour a .glb if a year is computed.
 OF_YEARS = (
     "daylight_autonomy",
     *(f"useful_daylight_{name}" for name in ("low", "supplementary", "enough", "high")),
@@ -35,13 +37,17 @@ OF_YEARS = (
 
 @dataclass(frozen=True)
 class TexelRequest:
-    """size : scene units; shapes : names of them, None for all"""
+    """Request for sensors at texels of a model.
+
+    size   : size of a texel, scene units
+    shapes : names of the shapes with sensors; None for all
+    """
 
     size: float
     shapes: Sequence[str] | None
 
     def of(self, scene: Scene) -> Texels:
-        """Raises UsageError and SceneError, as `texels` does."""
+        """Return the texels of a scene. Raises UsageError and SceneError, as `texels` does."""
         from glpath.daylight.texels import texels
 
         return texels(scene, self.size, shapes=self.shapes)
@@ -50,7 +56,7 @@ class TexelRequest:
 def texel_request(
     receiver: str, size: float | None, shapes: Sequence[str] | None, points: Path | None, normal: str | None
 ) -> TexelRequest | None:
-    """None for other receivers. Raises UsageError for options that do not fit together."""
+    """Return the request for texels; None for other receivers. Raises UsageError for options that contradict it."""
     if receiver != TEXELS:
         for option, value in (("--texel-size", size), ("--texel-shape", shapes)):
             if value:
@@ -65,11 +71,12 @@ def texel_request(
 
 
 def check_shown(out: Sequence[Path], are_texels: bool, show: str | None, of_year: bool) -> None:
-    """Raise UsageError for files that cannot show the sensors, before anything is computed; GlpathError without
-    matplotlib, where that is needed.
+    """Raise UsageError, before the computation, for files that cannot show the sensors.
 
-    are_texels : the sensors are, or may be, as a file has them
-    of_year    : there is weather
+    Raises GlpathError if matplotlib is needed and missing.
+
+    are_texels : True if the sensors are texels, or may be because they are from a file
+    of_year    : True if weather is given
     """
     models = [path for path in out if path.suffix.lower() == ".glb"]
     if show is not None and not models:
@@ -90,7 +97,7 @@ def check_shown(out: Sequence[Path], are_texels: bool, show: str | None, of_year
 
 
 def values_of(found: DaylightCoefficients, year: DaylightYear | None) -> dict[str, tuple[NDArray[np.float64], str]]:
-    """What is shown of each sensor, (N,) by name, and its unit."""
+    """Return the values (N,) to show for all sensors and their unit, by name."""
     if year is None:
         return {_OF_SKY: (found.sky_view, "")}
     return {name: (each, unit) for name, each, unit in year.of_sensors()}
@@ -99,7 +106,7 @@ def values_of(found: DaylightCoefficients, year: DaylightYear | None) -> dict[st
 def saves_shown(
     out: Sequence[Path], found: DaylightCoefficients, year: DaylightYear | None, show: str | None
 ) -> dict[Path, Save]:
-    """How each of the files is written."""
+    """Return the function that writes each file."""
     if not out:
         return {}
     values = values_of(found, year)

@@ -40,8 +40,10 @@ _OPTIONS = (
 )  # fmt: skip
 _MATERIALS = ("unlit", "keep")
 _UV = ("make", "keep")
-#: If the error exceeds the first value, the summary says how to reach the second.
-_NOISY, _CLEAN = 0.05, 0.02
+#: Relative error above which the summary of a lightmap suggests more path sets.
+_NOISY = 0.05
+#: Relative error that the suggested number of path sets reaches.
+_CLEAN = 0.02
 
 
 def register(app: typer.Typer) -> None:

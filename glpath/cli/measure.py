@@ -46,10 +46,12 @@ if TYPE_CHECKING:
 
 _POINTS = "Points"
 _RECEIVERS = ("plane", "cylinder")
-# Lux by which the light of 100 on open ground may be off, for a daylight factor.
+# Maximum deviation of the light on open ground from 100 lx, for a daylight factor; lx.
 _OFF = 2.0
-#: Suffixes of files with false colours, and of files that need a grid.
-_COLOURED, _OF_GRIDS = (".html", ".png", ".glb"), (".png", ".glb")
+#: Suffixes of files with false colours.
+_COLOURED = (".html", ".png", ".glb")
+#: Suffixes of files that need a grid of points.
+_OF_GRIDS = (".png", ".glb")
 
 
 def register(app: typer.Typer) -> None:

@@ -56,8 +56,12 @@ NO_DENOISER = "not denoised: with pip install 'glpath[denoise]' a picture is cle
 #: Suffixes of pictures of 8 bits, which get an exposure and a tone curve.
 EIGHT_BIT = (".png", ".jpg", ".jpeg")
 _FOR_EYES = (*EIGHT_BIT, ".exr", "")
-# 8-bit values that look black and white, and the fraction of such pixels that makes a picture useless.
-_BLACK, _WHITE, _NEARLY_ALL = 6, 254, 0.985
+# Maximum 8-bit value that looks black.
+_BLACK = 6
+# Minimum 8-bit value that looks white.
+_WHITE = 254
+# Fraction of black or of white pixels from which a picture is useless.
+_NEARLY_ALL = 0.985
 
 
 @dataclass(frozen=True)

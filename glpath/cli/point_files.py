@@ -32,7 +32,7 @@ MAX_POINTS = 4_000_000
 #: Suffixes of the output formats.
 WRITABLE = (".csv", ".npz", ".html", ".png", ".glb", ".vtp")
 
-#: Word for the spacing that EN 12464-1 gives for the size of the area.
+#: Value of the spacing option for the spacing that EN 12464-1 defines by the size of the area.
 EN_12464 = "en12464-1"
 
 _POINT, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")

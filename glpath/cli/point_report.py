@@ -32,8 +32,14 @@ from glpath.system.versions import versions
 if TYPE_CHECKING:
     from glpath.scene import Scene
 
-#: Maximum columns and rows of values on the plan, and maximum rows in the tables of points and of lamps.
-_COLUMNS, _ROWS, _POINT_ROWS, _LAMP_ROWS = 40, 60, 1000, 100
+#: Maximum number of columns of values on the plan.
+_COLUMNS = 40
+#: Maximum number of rows of values on the plan.
+_ROWS = 60
+#: Maximum number of rows in the table of points.
+_POINT_ROWS = 1000
+#: Maximum number of rows in the table of lamps.
+_LAMP_ROWS = 100
 
 
 def save_report(path: Path, measured: Measured) -> None:

@@ -1,6 +1,6 @@
-"""The JSON that commands write for programs: `--stats` of a render, and the lines of `--progress json`.
+"""Types of the JSON that commands write for programs: `--stats` of a render, and lines of `--progress json`.
 
-Types alone, whose descriptions are the reference's, so they are written for users.
+Their descriptions appear in the reference, so they are written for users.
 """
 
 from __future__ import annotations

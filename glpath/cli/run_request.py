@@ -26,8 +26,10 @@ from glpath.system.machine import limit_threads
 from glpath.system.reporting import MODES
 from glpath.system.signals import TERMINATING_TEXT
 
-#: Relative errors at which a picture looks clean: with and without denoising.
-_CLEAN, _FAIR = 0.05, 0.02
+#: Relative error at which a denoised picture looks clean.
+_CLEAN = 0.05
+#: Relative error at which a picture without denoising looks clean.
+_FAIR = 0.02
 _MACHINE, _LONG = "Machine", "Long renders"
 
 if TYPE_CHECKING:
@@ -235,18 +237,21 @@ class RunRequest:
         )
 
 
-#: Options of commands that render, that render no pictures, of the solver, which needs no device, and of view
-#: factors, whose rows are saved as often as that costs no time.
+#: Options of commands that render pictures.
 OF_RENDERS = tuple(field.name for field in fields(RunRequest))
+#: Options of commands that render films without pictures.
 OF_FILMS = tuple(name for name in OF_RENDERS if name not in ("verbose", "clean"))
-#: Options of commands that render.
+#: Exit codes of commands that render, for their help.
 EXIT_CODES = (
     "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, 75 ended by "
     f"a signal ({TERMINATING_TEXT}) with its checkpoint written (start it again with --resume), 130 "
     "interrupted (what there is, is written)"
 )
+# Options that need a device or a film.
 _OF_DEVICES = ("backend", "device", "require_gpu", "noise", "stats", "cluster")
+#: Options of the radiosity solver, which needs no device.
 OF_SOLVERS = tuple(name for name in OF_FILMS if name not in _OF_DEVICES)
+#: Options of view factors, which choose the interval between saves themselves.
 OF_MATRICES = tuple(name for name in OF_SOLVERS if name not in ("checkpoint", "hang_limit", "time_limit"))
 #: Options of `daylight`, which needs a device.
 OF_DAYLIGHT = ("backend", "device", "require_gpu", "cluster", *OF_MATRICES)

@@ -1,7 +1,7 @@
-"""Options that are parameters of scenes, each declared once; a command names those that it heeds.
+"""Options of commands that set parameters of scenes. Each is declared once, and a command lists the ones it uses.
 
-`with_scene_options` gives a command them in front of its own `-D`, whose list they join: --background plain is
--D background=plain.
+`with_scene_options` adds the options to a command, before its `-D`. Their values are appended to the list of `-D`,
+so `--background plain` is the same as `-D background=plain`.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from glpath.cli.completion import words
 from glpath.errors import UsageError
 from glpath.scene.choices import BACKGROUNDS
 
-#: The panel of the help.
+#: Heading of these options in the help.
 SURROUNDINGS_PANEL = "Surroundings"
 MODEL_PANEL = "Model"
 
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """What was typed; None: nothing."""
+    """Values of the options as typed; None for an option that is not given."""
 
     environment: Annotated[
         Path | None,
@@ -90,14 +90,19 @@ class SceneOptions:
     ] = None
 
 
-#: Of commands that make pictures; of those that find light alone; of those that look at a scene's shapes.
+#: Options of commands that make pictures.
 OF_PICTURES = tuple(field.name for field in fields(SceneOptions))
+#: Options of commands that compute light without a picture.
 OF_LIGHT = tuple(name for name in OF_PICTURES if name != "background")
+#: Options of commands that read the shapes of a scene.
 OF_SHAPES = ("animation", "variant", "time")
 
 
 def with_scene_options(function: Callable[..., Any], names: Collection[str]) -> Callable[..., Any]:
-    """A command with these options, whose parameter `parameters`, the texts of -D, has them as well."""
+    """Return a command with these options.
+
+    Their values are appended to its parameter `parameters`, the texts of -D.
+    """
     signature = inspect.signature(function, eval_str=True)
     before = list(signature.parameters.values())
     at = next(i for i, p in enumerate(before) if p.name == "parameters")
@@ -120,12 +125,12 @@ def with_scene_options(function: Callable[..., Any], names: Collection[str]) -> 
 
 
 def flag(name: str) -> str:
-    """--name, as it is typed."""
+    """Return the option for a parameter's name, as it is typed: --name."""
     return "--" + name.replace("_", "-")
 
 
 def _joined(parameters: list[str], given: dict[str, Any]) -> list[str]:
-    """The texts of -D, and of the options that were given. Raises UsageError for what is there twice."""
+    """Return the texts of -D and of the given options. Raises UsageError if both set the same parameter."""
     typed = {text.partition("=")[0].strip(): text for text in parameters}
     for name, value in given.items():
         if value is not None and name in typed:

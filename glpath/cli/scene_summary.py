@@ -1,4 +1,4 @@
-"""What is in a scene, as data for programs: `glpath info --json`, of which `scenes` makes tables."""
+"""Summary of a scene as data for programs (`glpath info --json`); `scenes` makes tables from it."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _OF_MICROFACETS = (
 
 
 def summarize(scene: Scene) -> dict[str, Any]:
-    """What `glpath info` reports, as JSON-able data.
+    """Return the report of `glpath info` as data for JSON.
 
-    Power is flux, W or lm by the unit of the scene, where its unit of length is a metre: pi * area * radiance for
-    each side of a shape that emits, 4 pi * intensity for a point light. It is null for spots, whose edge is soft,
-    and where there is no total: for directional lights and without falloff. So is the area of a plane, and of a
-    stream, of which triangles are counted alone.
+    Power is flux in W or lm, by the unit of the scene, if its unit of length is a metre. It is pi * area * radiance
+    for each side of a shape that emits, and 4 pi * intensity for a point light. It is null for spots, whose edge is
+    soft, for directional lights and for lights without falloff, which have no total. The area of a plane and of a
+    stream is also null; only triangles of a stream are counted.
     """
     lower, upper = scene.bounds
     camera = scene.camera
@@ -93,7 +93,7 @@ def summarize(scene: Scene) -> dict[str, Any]:
 
 
 def about_lights(scene: Scene) -> list[dict[str, Any]]:
-    """Of shapes that emit, then of punctual lights: name, kind, power as of `summarize`, and the rest."""
+    """Return name, kind, power (see `summarize`) and other data of shapes that emit, then of punctual lights."""
     found = []
     for shape, area in zip(scene.shapes, _areas(scene), strict=True):
         if shape.emits:
@@ -105,7 +105,7 @@ def about_lights(scene: Scene) -> list[dict[str, Any]]:
 
 
 def _areas(scene: Scene) -> list[float | None]:
-    """Of each shape, in scene units squared; None for planes."""
+    """Return the area of each shape, scene units squared; None for planes and streams."""
     spheres, found = sphere_areas(scene.spheres), list[float | None]()
     for index, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
         if shape.primitive == "triangle":
@@ -130,7 +130,7 @@ def _about_material(scene: Scene, material: Material) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """As JSON has it."""
+    """Return the value as JSON can store it."""
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
@@ -150,7 +150,7 @@ def _about_sky(sky: Sky | Environment | None) -> dict[str, Any] | None:
 
 
 def _maintenance(lamp: Light | Shape) -> dict[str, float]:
-    """Its maintenance factor, which is in its light already; nothing where none was given."""
+    """Return the maintenance factor of a lamp, or nothing if it has none. The lamp's light already includes it."""
     return {} if lamp.maintenance_factor is None else {"maintenance_factor": lamp.maintenance_factor}
 
 

@@ -1,4 +1,4 @@
-"""What nobody watches: its checkpoint and the watchdog over it."""
+"""Checkpoint and watchdog of a computation that runs unattended."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from glpath.film.film import Film
     from glpath.jobs.checkpoint import Checkpoint
 
-#: What may be the cause where no work is done any more: see `watched`.
+#: Possible causes if a render makes no progress, see `watched`.
 RENDERING = "the device or its driver hangs, or a path set takes longer"
+#: Possible causes if a solver makes no progress.
 SOLVING = "the solver hangs, or a step of it, or compiling one of its kernels, takes longer"
 
 
@@ -24,9 +25,11 @@ SOLVING = "the solver hangs, or a step of it, or compiling one of its kernels, t
 def checkpointed(
     out: Sequence[Path], run: RunRequest, films: bool = True
 ) -> Iterator[tuple[Checkpoint | None, Film | None]]:
-    """The checkpoint that was asked for, which no other process has meanwhile, and the film in it.
+    """Yield the requested checkpoint, locked against other processes, and the film to resume from it.
 
-    films : outputs that end in .npz are films, of which the first is the checkpoint
+    Both are None without a checkpoint; the film is None without --resume.
+
+    films : True if outputs that end in .npz are films; the first of them is then the checkpoint
 
     Raises GlpathError.
     """
@@ -44,7 +47,7 @@ def checkpointed(
 
 
 def check_absent(checkpoint: Path) -> None:
-    """Raise UsageError for a checkpoint that is there and was not asked to be resumed."""
+    """Raise UsageError if the checkpoint exists, because it must not be replaced without --resume."""
     if checkpoint.exists():
         raise UsageError(
             f"{checkpoint}: is there already, and the checkpoint would replace it.",
@@ -53,7 +56,7 @@ def check_absent(checkpoint: Path) -> None:
 
 
 def keep_after_failure(checkpoint: Checkpoint | None, error: Exception) -> None:
-    """What was rendered before something failed goes into the checkpoint, too."""
+    """Write the rendered path sets to the checkpoint after a failure, and mention it in the error's remedy."""
     film = None if checkpoint is None else checkpoint.film
     if checkpoint is None or film is None or not film.path_sets:
         return
@@ -63,11 +66,11 @@ def keep_after_failure(checkpoint: Checkpoint | None, error: Exception) -> None:
 
 
 def watched(hang_limit: float, left: str, suspects: str = RENDERING) -> AbstractContextManager[object]:
-    """A watchdog over what hangs.
+    """Return a watchdog that ends the process if it makes no progress.
 
-    hang_limit : seconds; 0: none
-    left       : the sentence that says what there is then
-    suspects   : what may be the cause
+    hang_limit : time without progress, seconds; 0 for no watchdog
+    left       : sentence of the message on saved results
+    suspects   : possible causes, for the message
     """
     from glpath.jobs.watchdog import Watchdog
 
@@ -75,7 +78,7 @@ def watched(hang_limit: float, left: str, suspects: str = RENDERING) -> Abstract
 
 
 def left_in(checkpoint: Path | None) -> str:
-    """What there is of what hangs."""
+    """Return the sentence on the last checkpoint of a process that hangs."""
     if checkpoint is None:
         return "There was no --checkpoint, so nothing is kept."
     return f"The last checkpoint is {checkpoint}, where one was written; --resume continues from it."

@@ -1,6 +1,6 @@
-"""`glpath doctor --warm`: all that is compiled at first use, compiled now: numba's kernels and the shaders.
+"""`glpath doctor --warm`: compile numba's kernels and the shaders before their first use.
 
-By rendering and solving something small with every engine, so that it is the very same that is compiled.
+A small scene is rendered with every engine and solved with every solver, so that the same variants are compiled.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from glpath.radiosity import RadiositySolution
     from glpath.scene import Scene
 
-#: Shapes that emit, a solid, a sphere, a point light and a sky: what every engine takes.
+#: Scene that every engine can render: a shape that emits, a solid, a sphere, a point light and a sky.
 SCENE: dict[str, Any] = {
     "camera": {"position": [0, 1, 4], "target": [0, 0.5, 0]},
     "film": {"resolution": [32, 32]},
@@ -33,7 +33,7 @@ SCENE: dict[str, Any] = {
 
 
 def compile_all() -> None:
-    """Compile what is not in the caches yet, and say what is done."""
+    """Compile all kernels and shaders that are not in the caches yet, and report each step."""
     from glpath.io import load_scene
 
     began = time.perf_counter()
@@ -45,7 +45,7 @@ def compile_all() -> None:
 
 
 def compile_kernels(scene: Scene) -> RadiositySolution:
-    """Those of radiosity, by every method, and of view factors; returns a solution."""
+    """Compile the kernels of all radiosity methods and of view factors, and return a solution."""
     from glpath.radiosity.solvers.checks import METHODS
     from glpath.radiosity.solvers.solve import solve_radiosity
     from glpath.radiosity.view_factors.compute import view_factors
@@ -56,13 +56,13 @@ def compile_kernels(scene: Scene) -> RadiositySolution:
         solution = solve_radiosity(scene, method=method, patches=1, adaptive=adaptive, particles=1)
     say("view factors", err=True)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SceneWarning)  # of the ground under the box, which nobody measures
+        warnings.simplefilter("ignore", SceneWarning)  # about the ground under the box
         view_factors(scene, groups="shapes")
     return solution
 
 
 def compile_shaders(scene: Scene, solution: RadiositySolution) -> None:
-    """Those of all engines, and the kernels that prepare a scene for them."""
+    """Compile the shaders of all engines, and the kernels that prepare a scene for the engines."""
     from glpath.rendering import render
 
     renders: tuple[dict[str, Any], ...] = (
@@ -81,7 +81,7 @@ def compile_shaders(scene: Scene, solution: RadiositySolution) -> None:
 
 
 def compile_lightmap(scene: Scene, solution: RadiositySolution) -> None:
-    """Those of an atlas's texels, and the engines' shaders for paths that start there; nothing without xatlas."""
+    """Compile the kernels of texels, and the shaders for paths that start at texels. Skipped without xatlas."""
     from glpath.bake.atlas import require_xatlas
     from glpath.bake.lightmap import lightmap
     from glpath.errors import GlpathError

@@ -25,10 +25,11 @@ from glpath.film.image import encode_srgb
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
-#: Limits of mean FLIP for the image and for its worst spot, and assumed pixels per degree of view: a 4K screen of
-#: 70 cm seen from 70 cm.
+#: Default limit of mean FLIP for the image.
 MEAN = 0.01
+#: Default limit of mean FLIP for the worst spot of the image.
 LOCAL = 0.1
+#: Default number of pixels per degree of view, that of a 4K screen of 70 cm seen from 70 cm.
 PPD = 67.0
 
 # Side of a spot in degrees.

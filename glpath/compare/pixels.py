@@ -20,10 +20,11 @@ from glpath.film.image import encode_srgb
 
 Float64 = NDArray[np.float64]
 
-#: Defaults: allowed difference of a pixel in levels of 255; fraction of the local contrast that is allowed in
-#: addition; percentage of pixels that may differ by more.
+#: Default allowed difference of a pixel, in 8-bit levels (0 to 255).
 THRESHOLD = 2.0
+#: Default fraction of the local contrast by which a pixel may differ in addition.
 EDGE = 0.25
+#: Default percentage of pixels that may differ by more.
 FAILPERCENT = 0.0
 
 # Rounding error of the computation, in levels: 2 levels may become 2.0000000000000004.

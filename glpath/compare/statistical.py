@@ -52,18 +52,19 @@ from glpath.film.image import luminance
 
 Float64 = NDArray[np.float64]
 
-#: Defaults: probability that two images that differ only by noise fail; relative difference that is ignored as
-#: rounding of another device; and bias of the whole image that a test must be able to detect.
+#: Default probability that two images that differ only by noise fail.
 ALPHA = 1e-3
+#: Default relative difference that is ignored as rounding of another device.
 TOLERANCE = 0.002
+#: Default bias of the whole image that a test must be able to detect.
 SEES = 0.05
 
 #: Minimum number of batches for a useful spread.
 MIN_BATCHES = 4
 
-# A bias is visible if it is detected in 99 of 100 pairs. A number of path sets is sufficient if it works in 9 of 10
-# cases.
+# Margin in standard errors by which a bias is detected in 99 of 100 pairs of images.
 _MARGIN = float(ndtri(0.99))
+# Fraction of cases in which a sufficient number of path sets works.
 _ENOUGH = 0.9
 
 # Substitute for infinity, which JSON does not have.

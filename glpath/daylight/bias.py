@@ -24,8 +24,10 @@ from glpath.system.machine import core_count
 
 Float64 = NDArray[np.float64]
 
-#: Maximum number of sensors to compare, and total number of rays in a round.
-_SENSORS, _RAYS = 256, 1 << 18
+#: Maximum number of sensors to compare.
+_SENSORS = 256
+#: Total number of rays from all these sensors in a round.
+_RAYS = 1 << 18
 #: Maximum number of rounds of rays.
 _ROUNDS = 8
 

@@ -39,8 +39,12 @@ from glpath.scene import Scene
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-#: Default number of elements, and numbers of rays of each point of an element's side and of each sensor.
-DEFAULT_ELEMENTS, SIDE_RAYS, GATHER_RAYS = 2000, 128, 1024
+#: Default number of elements.
+DEFAULT_ELEMENTS = 2000
+#: Number of rays from each point of an element's side.
+SIDE_RAYS = 128
+#: Default number of rays from each sensor.
+GATHER_RAYS = 1024
 #: Offset of the seed of sensors' rays from that of rays between sides.
 GATHER_SEED = 1
 #: Number of sample points on a side.
@@ -49,9 +53,10 @@ POINTS = 4
 DENSE = 6000
 # Maximum number of sides for a matrix of 64-bit floats (32 MB).
 _DOUBLE = 2000
-# Relative change of the columns' sums at which the iteration of a sparse system stops, and its maximum number of
-# reflections.
-_CHANGE, _MAX_REFLECTIONS = 1e-4, 500
+# Relative change of the columns' sums at which the iteration of a sparse system stops.
+_CHANGE = 1e-4
+# Maximum number of reflections in this iteration.
+_MAX_REFLECTIONS = 500
 # Maximum number of floats of the columns that are solved together: 32 MiB.
 _COLUMNS = 1 << 23
 

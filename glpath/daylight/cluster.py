@@ -41,8 +41,10 @@ log = logging.getLogger("glpath")
 _SHARDS_A_WORKER = 2
 # Maximum number of attempts for a shard.
 _TRIES = 3
-# Polling interval, and the time after which the absence of workers gives a warning; seconds.
-_TICK_S, _SILENCE_S = 0.25, 10.0
+# Polling interval, seconds.
+_TICK_S = 0.25
+# Time without workers after which a warning is given, seconds.
+_SILENCE_S = 10.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,8 +60,10 @@ DEFAULT_RAYS = 100_000_000
 ELEMENT_SAMPLES = 4
 #: Number of directions to the ground, which is one patch, for direct light on elements.
 ELEMENT_GROUND = 512
-#: Maximum values of the options `elements` and `gather_rays`.
-MAX_ELEMENTS, MAX_GATHER_RAYS = 10**7, 10**7
+#: Maximum value of the option `elements`.
+MAX_ELEMENTS = 10**7
+#: Maximum value of the option `gather_rays`.
+MAX_GATHER_RAYS = 10**7
 #: Factor on the number of elements if the bias with `DEFAULT_ELEMENTS` is too large.
 REFINED = 4
 

@@ -28,8 +28,10 @@ Float64 = NDArray[np.float64]
 
 #: Number of batches of a point's rays; the spread between batches gives the error estimate.
 BATCHES = 8
-# Number of azimuth strata in a batch, and maximum number of glass surfaces that a ray passes in a row.
-_TURNS, _MAX_THROUGH = 16, 64
+# Number of azimuth strata in a batch of rays.
+_TURNS = 16
+# Maximum number of glass surfaces that a ray passes in a row.
+_MAX_THROUGH = 64
 # Maximum number of rays in a block of points: 16 MiB, and more for their weight matrix.
 _BLOCK = 1 << 21
 

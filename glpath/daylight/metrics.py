@@ -15,12 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-#: Threshold of daylight autonomy, lx, and the fraction of hours above it that sDA requires of a sensor.
-AUTONOMY, AUTONOMY_SHARE = 300.0, 0.5
+#: Illuminance threshold of daylight autonomy, lx.
+AUTONOMY = 300.0
+#: Minimum fraction of hours with this illuminance for a sensor to count for sDA.
+AUTONOMY_SHARE = 0.5
 #: Bounds of useful daylight, lx, between four classes: too little, supplementary, enough, too much.
 USEFUL = (100.0, 300.0, 3000.0)
-#: Threshold of direct sunlight, lx, and the hours per year above it that ASE allows a sensor.
-SUNLIGHT, SUNLIGHT_HOURS = 1000.0, 250.0
+#: Illuminance threshold of direct sunlight, lx.
+SUNLIGHT = 1000.0
+#: Hours per year with such sunlight above which a sensor counts for ASE.
+SUNLIGHT_HOURS = 250.0
 #: Fraction of sensors in sunlight above which blinds close.
 BLINDS = 0.02
 

@@ -26,11 +26,15 @@ BIAS_PROBE = "bias_probe"
 REJECTED_GATHER = "rejected_gather"
 #: Number of blocks along each side of the image.
 BLOCKS = 8
-#: Maximum bias of an image that `auto` renders, relative to its light: in the mean, and in blocks.
-MAX_MEAN, MAX_BLOCKS = 0.01, 0.03
-#: Minimum distance of the mean from the limit in standard errors: for a decision before the last path set (95 %
-#: confidence), and after it.
-SURE, FINAL = 1.645, 1.0
+#: Maximum bias of the mean of an image that `auto` renders, relative to its light.
+MAX_MEAN = 0.01
+#: Maximum bias of blocks of an image that `auto` renders, relative to its light.
+MAX_BLOCKS = 0.03
+#: Number of standard errors by which a bias must differ from its limit for a decision before the last path set (95
+#: % confidence).
+SURE = 1.645
+#: Number of standard errors by which a bias must differ from its limit after the last path set.
+FINAL = 1.0
 # Maximum difference of the worst block, in standard errors, that noise alone may explain.
 _BLOCK_NOISE = 3.5
 # Minimum light to which the difference of a block is relative, as a fraction of the image's mean light.

@@ -26,7 +26,10 @@ INK, GREY, PALE = "#222222", "#6E6E6E", "#E4E4E4"
 COLOUR_MAP = "viridis"
 
 DPI = 100
-_CAPTION_SIZE, _CAPTION_LINE = 10.5, 19  # points, pixels
+# Font size of captions, points.
+_CAPTION_SIZE = 10.5
+# Line height of captions, pixels.
+_CAPTION_LINE = 19
 MARGIN = 16
 # Length of a map's longer side, pixels.
 _LONGER = 480

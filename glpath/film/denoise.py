@@ -3,11 +3,11 @@
 A network trained on path-traced images removes noise and keeps edges, textures and shadows. Albedo and normals show
 it which edges belong to surfaces.
 
-Cost:     0.2 s of one core for 256 x 256, and once as much for noisy albedo and normals; some 600 bytes of memory a
-          pixel.
-Poor at:  noise correlated between pixels, as from paths with shared directions: it remains, because it looks like
-          texture. Details lost in noise are invented. Energy is not kept to the last percent, especially at the
-          edges of lamps.
+Cost:     0.2 s on one core for 256 x 256 pixels, and another 0.2 s if albedo and normals are noisy; about 600 bytes
+          of memory per pixel.
+Poor at:  noise correlated between pixels, such as that of paths with shared directions. It remains, because it
+          looks like texture. Details lost in noise are invented. Energy is not kept to the last percent, especially
+          at the edges of lamps.
 Source:   https://www.openimagedenoise.org/documentation.html, the RT and RTLightmap filters.
 """
 
@@ -27,13 +27,19 @@ Flags = dict[str, bool | str]
 # Width in pixels of the mirrored border around images. Without them the network would see black outside and darken
 # the border. With them, the squared error at the border of `room` is halved.
 _BEYOND = 16
-# Memory limit of the network in MiB; above, it uses tiles. 1920 x 1080 pixels take 1.6 GiB at once, or two tiles in
-# the same time. The limit for lightmaps is lower, because a bake holds much else: 2048 x 2048 take half as long
-# again, and a sixth of the memory.
-_PICTURE_MIB, _PAGE_MIB = 1024, 256
-# Threshold by which a guide's pixel must differ from its neighbours to count as noise; smaller noise is harmless.
-# Fraction of such pixels in a tile that corners and thin lines alone may cause, and width of the tile.
-_NOISE, _LINES, _TILE = 0.004, 0.15, 16
+# Memory limit of the network for pictures in MiB; above, it uses tiles. 1920 x 1080 pixels take 1.6 GiB at once. As
+# two tiles they take the same time.
+_PICTURE_MIB = 1024
+# Memory limit of the network for pages of lightmaps in MiB. It is lower, because a bake needs much other memory.
+# Pages of 2048 x 2048 then take 1.5 times as long, and a sixth of the memory.
+_PAGE_MIB = 256
+# Difference between a pixel of a guide and its neighbours above which the pixel counts as noise. Smaller noise is
+# harmless.
+_NOISE = 0.004
+# Fraction of such pixels in a tile that corners and thin lines alone may cause.
+_LINES = 0.15
+# Width of a tile in pixels.
+_TILE = 16
 # The smaller network is as good for albedo and normals as the large one, in half the time.
 _SOON: Flags = {"quality": "OIDN_QUALITY_BALANCED"}
 # The smallest network is for two halves that are only compared. Their difference is 5 % less, in half the time

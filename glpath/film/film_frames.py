@@ -50,7 +50,7 @@ def film_data_set(film: FilmErrors) -> Any:
 
 
 def _stats(film: FilmErrors) -> dict[str, Any]:
-    """Return numbers and texts by name."""
+    """Return a film's statistics as a mapping from names to numbers, texts or None."""
     m = film.metadata
     return {
         "integrator": m.integrator,

@@ -43,12 +43,17 @@ __all__ = [
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
-# JPEG: maximum pixels along a side, maximum bytes of a comment, and quality out of 100.
-_MAX_JPEG, _MAX_COMMENT, _JPEG_QUALITY = 65_535, 65_000, 95
+# Maximum number of pixels along a side of a JPEG.
+_MAX_JPEG = 65_535
+# Maximum number of bytes of a comment in a JPEG.
+_MAX_COMMENT = 65_000
+# Quality of JPEGs, out of 100.
+_JPEG_QUALITY = 95
 READABLE = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".npz", ".npy")
 
-# Luminance Y of linear Rec. 709; and the primaries and white point (D65) for an EXR header: x y of R, G, B, white.
+# Luminance Y of each channel of linear Rec. 709.
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+# Primaries and white point (D65) of Rec. 709 for an EXR header: x and y of red, green, blue and white.
 REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
 # Tolerance of x and y for the rounding of other programs.

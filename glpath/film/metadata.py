@@ -37,7 +37,7 @@ _DECIDES = {
     "position_origin": "position_origin",
     "unit": "unit",
 }
-# Fields with the names that counts of shapes refer to.
+# Fields with the names of shapes and materials, and the material of each shape. Files' headers leave them out.
 _NAMES = ("shape_names", "material_names", "shape_materials")
 # Maximum side of an image in pixels, beyond any possible render.
 _MAX_SIDE = 1 << 20

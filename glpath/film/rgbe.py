@@ -18,9 +18,10 @@ from glpath.system.npz import check_unfolded
 
 _LONGEST_HEADER = 1 << 16
 _RESOLUTION = re.compile(rb"([-+][XY]) (\d{1,9}) ([-+][XY]) (\d{1,9})\n?")
-# Minimum and maximum length of run-length encoded lines: shorter ones gain nothing, longer ones do not fit two
-# bytes.
-_MIN_ENCODED, _MAX_ENCODED = 8, 0x7FFF
+# Minimum length of run-length encoded lines. Shorter lines gain nothing.
+_MIN_ENCODED = 8
+# Maximum length of run-length encoded lines. Longer lengths do not fit into two bytes.
+_MAX_ENCODED = 0x7FFF
 
 
 class Header(NamedTuple):

@@ -89,7 +89,7 @@ class FilmSums:
 
     @property
     def mean(self) -> Float64:
-        """(H, W, 3) float64 image, W sr^-1 m^-2 or cd m^-2, linear Rec. 709, row 0 at the top.
+        """Image (H, W, 3) float64, W sr^-1 m^-2 or cd m^-2, linear Rec. 709, row 0 at the top.
 
         Raises UsageError if there is no path set.
         """
@@ -99,9 +99,9 @@ class FilmSums:
 
     @property
     def alpha(self) -> Float64 | None:
-        """(H, W) float64 fraction of a pixel's samples that hit a surface; None for a film with a background.
+        """Fraction (H, W) float64 of a pixel's samples that hit a surface; None for a film with a background.
 
-        `mean` is premultiplied by it, because missed samples have no light.
+        `mean` is premultiplied by this fraction, because samples that hit no surface have no light.
         """
         if not self.metadata.transparent or not self.path_sets:
             return None

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from glpath.scene.model import Scene
 
-#: Flags of an item: one of its triangles has an opacity; one of its triangles is a thin dielectric.
-ITEM_ALPHA, ITEM_THIN_DIELECTRIC = 1, 2
+#: Flag of an item with a triangle that has an opacity.
+ITEM_ALPHA = 1
+#: Flag of an item with a triangle that is a thin dielectric.
+ITEM_THIN_DIELECTRIC = 2
 _STEPS = 65535
 
 

@@ -13,18 +13,22 @@ from glpath.scene.profile import ANGLE_ROUNDING as ANGLE_ROUNDING_DEGREES
 
 #: Depth beyond all geometry.
 INFINITE_DEPTH = 1e30
-#: Bits of the smallest normal float. From here on, integers order as the floats with the same bits do, so blending
-#: keeps their order.
+#: Bit pattern of the smallest normal float. From this pattern on, integers have the order of the floats with the
+#: same bits, so blending keeps the order of integers.
 MIN_NORMAL = np.uint32(0x00800000)
 
-#: Distance up to which the levels of a packed depth are finest, in scene diameters (`shaders/path/scan_word.glsl`).
+#: Distance from a path's start up to which packed depths have the smallest steps, in scene diameters; see
+#: `shaders/path/scan_word.glsl`.
 DEPTH_BASE = 1.0 / 16
 
 #: Bits of a path's number in a scan; the bits above hold the scan's epoch.
 NUMBER_BITS = 20
-#: Results of a scan instead of a triangle: no hit beyond the ray's start; the path lost the collision in its cell;
-#: the path was not launched.
-PATH_MISSED, PATH_LOST, PATH_DEAD = -1, -2, -3
+#: Result of a scan instead of a triangle's number if the ray hits nothing beyond its start.
+PATH_MISSED = -1
+#: Result of a scan if the path lost the collision in its cell.
+PATH_LOST = -2
+#: Result of a scan if the path was not launched.
+PATH_DEAD = -3
 
 #: Relative error of a hit point, as a fraction of the ray's length.
 RAY_ROUNDING = 2e-6

@@ -15,8 +15,10 @@ from glpath.scene.instances import InstancedScene
 
 Int64 = NDArray[np.int64]
 
-# Limits of used numbers: an absolute count that is always allowed, and the allowed ratio of numbers to triangles.
-_FREE, _WASTE = 1 << 28, 1.25
+# Count of numbers that is always allowed.
+_FREE = 1 << 28
+# Maximum ratio of numbers to triangles above this count.
+_WASTE = 1.25
 _MIN_SHIFT, _MAX_SHIFT = 4, 27
 
 

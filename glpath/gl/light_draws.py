@@ -1,9 +1,9 @@
-"""All lights of a scene on the device, for paths that draw their own light samples: `lights/light_draw.glsl`.
+"""Textures of all lights, from which paths on the device draw their own light samples (`lights/light_draw.glsl`).
 
-`glpath.lights.lighting` defines a sample and its density, as for the samples that a path set shares. The lights are
-divided into pieces: a side of an emitting triangle, a punctual light, the sky. A range of numbers in [0, 2^32)
-selects each piece. With a light tree (`glpath.lights.tree`), the tree selects the lights with a position, and
-numbers the others. An environment map has tables of its rows and columns as well.
+The samples and their density are defined in `glpath.lights.lighting`, as are the samples that a path set shares.
+The lights are divided into pieces: a side of an emitting triangle, a punctual light, the sky. A range of numbers in
+[0, 2^32) selects each piece. With a light tree (`glpath.lights.tree`), the tree selects the lights with a position,
+and numbers the others. An environment map has tables of its rows and columns as well.
 
 Cost:     16 bytes for each side of an emitting triangle, 80 with a tree; 4 for each texel of an environment map. A
           path's sample takes a search among the pieces or a descent of the tree, and the corners of a triangle.

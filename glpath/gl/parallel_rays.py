@@ -28,8 +28,11 @@ from glpath.gl.thin_dielectrics import thin_dielectric_variants
 
 #: Number of directions in a word.
 WORD = 32
-# Maximum points along a square's side, and words in a draw over all squares: half a second on two cores.
-_MAX_SQUARE, _POINTS_A_DRAW = 256, 1 << 17
+# Maximum number of points along a square's side.
+_MAX_SQUARE = 256
+# Maximum number of words in one draw, one word for each point and 32 directions. A draw takes half a second on two
+# cores.
+_POINTS_A_DRAW = 1 << 17
 # Number of nonzero integers that 32-bit floats distinguish.
 _NUMBERS = (1 << 24) - 1
 

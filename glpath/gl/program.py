@@ -247,7 +247,7 @@ class Program:
         assert not missing, f"{self.label}: no value for the uniforms {sorted(missing)}"
         for name, value in uniforms.items():
             uniform = self._uniforms.get(name)
-            # Most uniforms do not change from set to set, and a GL call costs more than a comparison.
+            # Most uniforms keep their value between path sets, and a comparison costs less than a GL call.
             if uniform is None or self._values.get(name) == value:
                 continue
             if isinstance(value, bytes):
@@ -293,8 +293,9 @@ def load_program(
     return _compiled.setdefault(gl, _Compiled()).get(sources, lambda: _compile(gl, sources))
 
 
-#: Cache of recently requested flattened shaders, by all their inputs except the files.
+#: Flattened shaders of recent requests. The key holds all inputs of `_flattened` except the contents of files.
 _sources: OrderedDict[Hashable, dict[str, Source]] = OrderedDict()
+#: Maximum number of entries in `_sources`.
 _MAX_SOURCES = 128
 
 

@@ -19,9 +19,11 @@ from glpath.gl.geometry_stream import GeometryStream
 from glpath.gl.stream_parts import BYTES_IN_THE_READING, ChunksInOrder
 from glpath.scene import Scene
 
-#: Bytes a triangle of a part, during the build of its BVH and in the cache, for a tree with one triangle a leaf.
-#: Most leaves have two or three.
-OCCLUDER_BYTES, KEPT_OCCLUDER_BYTES = 400, 130
+#: Bytes per triangle of a part during the build of its BVH, if each leaf has one triangle. Most leaves have two or
+#: three.
+OCCLUDER_BYTES = 400
+#: Bytes per triangle of a cached part, if each leaf has one triangle.
+KEPT_OCCLUDER_BYTES = 130
 
 
 class StreamOccluders:

@@ -24,8 +24,10 @@ from glpath.gl.ray_bvh import PartBvh
 
 Float64 = NDArray[np.float64]
 
-# Points along a square's side, few enough for small boxes; and words in a draw over all squares.
-_SQUARE, _POINTS_A_DRAW = 64, 1 << 17
+# Number of points along a square's side, few enough for small boxes.
+_SQUARE = 64
+# Maximum number of words in one draw, one word for each point and 32 directions.
+_POINTS_A_DRAW = 1 << 17
 # Padding of boxes against rounding, as a fraction of the scene's extent.
 _MARGIN = 1e-5
 # Defines that do not apply to streamed triangles, which are opaque.

@@ -19,8 +19,9 @@ from glpath.errors import SceneError
 #: Number of texels in a row.
 WIDTH = 4096
 _SHIFT = WIDTH.bit_length() - 1
-# Rows of a store that are written at once (16 MiB), and texels of a table that are requested at once.
+# Number of rows of a store that are written at once (16 MiB).
 _ROWS = 256
+# Number of texels of a table that are requested at once.
 _TEXELS = 1 << 16
 
 #: Contents of an entry's texels, in order, by section: {"sphere": {"BALL": "centre; radius"}}.
@@ -46,7 +47,7 @@ class Kind(NamedTuple):
 
 
 FLOATS = Kind(np.float32, "f4", "TEXELS(rgba32f, {})", "vec4")
-# Components are fractions of 255.
+# Texels of four bytes, whose components are multiples of 1/255.
 BYTES = Kind(np.uint8, "f1", "TEXELS(rgba8, {})", "vec4")
 UINTS = Kind(np.uint32, "u4", "UINT_TEXELS(rgba32ui, {})", "uvec4")
 

@@ -42,17 +42,17 @@ class Turns:
 
     @property
     def mine(self) -> bool:
-        """True if this thread has the lock."""
+        """True if the calling thread has the lock."""
         return self.thread == threading.get_ident()
 
     @property
     def kept(self) -> bool:
-        """True if its thread keeps the lock after its last exit."""
+        """True if a thread keeps the lock even after its last exit, see `keep`."""
         return self._kept
 
     @property
     def depth(self) -> int:
-        """Number of this thread's entries without an exit yet."""
+        """Number of the calling thread's entries that have no exit yet."""
         return self._entered if self.mine else 0
 
     def enter(self) -> None:

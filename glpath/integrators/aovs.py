@@ -36,9 +36,11 @@ from glpath.integrators.settings import IntegratorSettings
 
 Uniforms = dict[str, object]
 
-# Quanta per unit, and maximum number of path sets that a 32-bit word can sum. Values are at most 2, because normal
-# coordinates are stored plus 1 (`shaders/film/aov.glsl`).
-_QUANTA, _MAX_PATH_SETS = 1 << 20, (1 << 11) - 1
+# Number of quanta per unit in sums of AOVs.
+_QUANTA = 1 << 20
+# Maximum number of path sets that a 32-bit word can sum. Values are at most 2, because normal coordinates are
+# stored plus 1 (`shaders/film/aov.glsl`).
+_MAX_PATH_SETS = (1 << 11) - 1
 # Bits per position: float precision plus the range that infinite planes need beyond the scene.
 _POSITION_BITS = 36
 #: Maximum distance of recorded positions, in extents of the scene about the world's origin.

@@ -22,11 +22,14 @@ Float64 = NDArray[np.float64]
 
 # Number of ray directions in a path set; each pixel takes a random one.
 _DIRECTIONS = 16
-# Steps of three-dimensional sequences: powers of the root of x^4 = x + 1 [Roberts 2018], and square roots.
+# Steps of the three-dimensional sequence over path sets: powers of the root of x^4 = x + 1 [Roberts 2018].
 _SET_STEP = np.array([0.8191725134, 0.6710436067, 0.5497004779])
+# Steps of the three-dimensional sequence over directions: fractional parts of square roots.
 _DIRECTION_STEP = np.sqrt([2.0, 3.0, 5.0]) % 1.0
-# Size in texels of the map for a sky without an image.
-_HEIGHT, _WIDTH = 32, 64
+# Height of the map for a sky without an image, texels.
+_HEIGHT = 32
+# Width of the map for a sky without an image, texels.
+_WIDTH = 64
 
 
 class Ground:

@@ -35,11 +35,14 @@ Int64 = NDArray[np.int64]
 _LEVELS = 4
 _MAX_GUIDES = 2048
 _POINTS = 16  # start points of a guide's rays
-# Minimum rays of a cell (at most one from each point), minimum ray budget, and rays for each image pixel. Rays for
-# all guides take as long as one or two path sets. Four times as many reduce the squared error by a tenth in `room`,
-# whose guides are shared, and by half that in the Cornell box. Four times the guides, with as many rays in all, do
-# no better.
-_MIN_RAYS, _MIN_BUDGET, _RAYS_A_PIXEL = 2, 1 << 19, 8
+# Minimum number of rays from a cell, at most one from each point of the cell.
+_MIN_RAYS = 2
+# Minimum number of rays from all cells.
+_MIN_BUDGET = 1 << 19
+# Number of rays from all cells for each image pixel. They take as long as one or two path sets. Four times as many
+# rays reduce the squared error by a tenth in `room`, whose guides are shared, and by half that in the Cornell box.
+# Four times as many guides with the same number of rays do not reduce it further.
+_RAYS_A_PIXEL = 8
 _TESTS_A_RAY = 100
 # Fraction of the density given to plain cosine sampling. A smaller fraction gives more weight to hits in directions
 # that no guide ray found.

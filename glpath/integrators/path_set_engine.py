@@ -146,7 +146,7 @@ class PathSetEngine(Engine):
         self._cast += int(readback.low.sum(dtype=np.int64))
         self._lost += int((readback.high & ((1 << DROPPED_SHIFT) - 1)).sum(dtype=np.int64))
 
-    # Parts of the frame.
+    # Methods for the stages of a frame: motion, visible triangles and AOVs.
 
     def move_to(self, index: int) -> None:
         """Move objects to the time of a path set; the eye's motion is in its own uniforms."""

@@ -67,7 +67,10 @@ class Assets:
     _meshes: dict[tuple[Mesh, bool, bool], Mesh] = field(default_factory=dict)
 
     def add(self, given: Sequence[Asset], location: SourceLocation) -> None:
-        """Add the assets of the list at `location`. Raises SceneError; warns once of each unused part of a file."""
+        """Add the assets of a scene file's list at `location`.
+
+        Raises SceneError. Warns once of each kind of content in an asset's file that is not used.
+        """
         for index, asset in enumerate(given):
             self._add(asset, location.item(index))
 

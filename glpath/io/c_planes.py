@@ -14,20 +14,22 @@ from glpath.scene.profile import LightProfile
 MAX_ANGLES = 7201
 #: Maximum number of intensities of a profile, both in the file and on the regular grid.
 MAX_VALUES = 1 << 20
-# Finest steps of the regular grid, parts of a degree. Angles of files usually are multiples of such a step.
+# Maximum number of steps per degree in the regular grid. Angles of files are usually multiples of such a step.
 _PARTS = 100
 
 
 def all_around(c: Float64, candela: Float64) -> tuple[Float64, Float64]:
-    """Return C angles from 0 to 360, both included, and their candela; symmetry gives the planes that are missing.
+    """Return C angles from 0 to 360 degrees, both included, with their candela.
 
-    c       : (C,) degrees: 0 alone, 0 to 90, 0 to 180, 0 to 360, or 90 to 270
-    candela : (C, gamma)
+    Planes that the file leaves out are mirror images of given planes. A single plane holds for all C angles.
+
+    c       : (C,) degrees, one of the ranges 0 alone, 0 to 90, 0 to 180, 0 to 360, or 90 to 270
+    candela : (C, gamma) intensities in the planes
     """
     if len(c) == 1:
         return np.array([0.0, 360.0]), np.concatenate([candela, candela])
     if c[0] == 90:  # symmetric about the plane through C = 90 and C = 270
-        c, candela = _mirrored(c, candela, 270.0)  # C is now from 90 to 450 degrees
+        c, candela = _mirrored(c, candela, 270.0)  # C ranges from 90 to 450 degrees now
         c, candela = c[:-1] % 360.0, candela[:-1]
         order = np.argsort(c)
         c, candela = c[order], candela[order]
@@ -43,15 +45,15 @@ def all_around(c: Float64, candela: Float64) -> tuple[Float64, Float64]:
 
 
 def _mirrored(c: Float64, candela: Float64, at: float) -> tuple[Float64, Float64]:
-    """Return the planes with their mirror images about the last angle, `at`, appended."""
+    """Append the mirror images of planes about the last angle `at`, and return all angles and candela."""
     return np.append(c, 2 * at - c[-2::-1]), np.concatenate([candela, candela[-2::-1]])
 
 
 def on_regular_grid(c: Float64, candela: Float64, gamma: Float64) -> LightProfile:
     """Return the profile resampled to a regular grid.
 
-    The grid is exact if all angles are multiples of a hundredth of a degree and its size stays within the limits.
-    Otherwise it has the finest allowed steps.
+    The grid contains all given angles if they are multiples of a hundredth of a degree, and if the grid then has at
+    most 1440 steps of C and `MAX_VALUES` intensities. Otherwise the grid has the finest steps within these limits.
     """
     span = (float(gamma[0]), float(gamma[-1]))
     rows = _steps(c, 360.0, 1440)
@@ -66,7 +68,8 @@ def on_regular_grid(c: Float64, candela: Float64, gamma: Float64) -> LightProfil
 def _steps(angles: Float64, span: float, max_steps: int) -> int:
     """Return the smallest number of equal steps over `span` such that each angle is at the end of a step.
 
-    Return `max_steps` if that needs steps below a hundredth of a degree, or more than `max_steps`.
+    Return `max_steps` if the angles need smaller steps than a hundredth of a degree, or more than `max_steps`
+    steps.
     """
     parts = np.rint(np.diff(angles) * _PARTS).astype(np.int64)
     if np.allclose(np.cumsum(parts) / _PARTS, angles[1:] - angles[0], rtol=0, atol=1e-6) and np.all(parts > 0):

@@ -26,11 +26,18 @@ RESOLUTION = (512, 512)
 NO_CAMERA = Camera(np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 40.0, RESOLUTION)
 # Mean radiance on a box around a model above which its lamps light it; the studio has radiance 1.
 _LAMP = 0.01
-# Camera in a room: heights of the eye and the target as fractions of the room's height, distance from the middle as
-# a fraction of half its extent, and field of view in degrees.
-_EYE, _TARGET, _FROM_MIDDLE, _FOV = 0.6, 0.45, 0.85, 70.0
-# Minimum fraction of directions in which a room has a wall, and maximum number of triangles for this test.
-_CLOSED, _MAX_ROOM_TRIANGLES = 0.9, 2**21
+# Height of the eye of a camera in a room, as a fraction of the room's height.
+_EYE = 0.6
+# Height of its target, as a fraction of the room's height.
+_TARGET = 0.45
+# Distance of the eye from the middle of the room, as a fraction of half the extent.
+_FROM_MIDDLE = 0.85
+# Field of view of this camera, degrees.
+_FOV = 70.0
+# Minimum fraction of directions in which a room has a wall.
+_CLOSED = 0.9
+# Maximum number of triangles of a scene that is tested for a room.
+_MAX_ROOM_TRIANGLES = 2**21
 # Maximum emission of a surface that is not a lamp: the radiance of white in the studio.
 _FAINT = 1.0
 #: Parts of a scene that some callers do not need.

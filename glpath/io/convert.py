@@ -1,4 +1,4 @@
-"""Thread-safe conversions with msgspec, which prepares its tables for a type at first use without a lock."""
+"""Thread-safe conversions with msgspec. At the first use of a type, msgspec builds tables without a lock."""
 
 from __future__ import annotations
 

@@ -39,8 +39,20 @@ from glpath.scene.profile import LightProfile
 from glpath.scene.source_location import SourceLocation
 from glpath.system.numerals import real
 
-# Line numbers of the fields, from 1.
-_TYPE, _SYMMETRY, _PLANES, _GAMMAS, _OUTPUT_RATIO, _FACTOR, _SETS = 2, 3, 4, 6, 23, 24, 26
+# Line number of the type, from 1.
+_TYPE = 2
+# Line number of the symmetry.
+_SYMMETRY = 3
+# Line number of the number of C planes.
+_PLANES = 4
+# Line number of the number of gamma angles.
+_GAMMAS = 6
+# Line number of the light output ratio.
+_OUTPUT_RATIO = 23
+# Line number of the factor of intensities.
+_FACTOR = 24
+# Line number of the number of lamp sets.
+_SETS = 26
 _LINES_OF_A_SET, _DIRECT_RATIOS, _MAX_SETS = 6, 10, 20
 # First and last stored C plane for each symmetry, degrees.
 _SPANS = {2: (0.0, 180.0), 3: (270.0, 90.0), 4: (0.0, 90.0)}

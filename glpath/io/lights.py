@@ -137,7 +137,9 @@ def _plain_intensity(given: description.PointLight, location: SourceLocation) ->
 def _intensity(
     given: description.PointLight | description.SpotLight, angle: float, location: SourceLocation
 ) -> Float64:
-    """Return the (3,) intensity of a light without a profile, from its intensity or its flux. Raises SceneError.
+    """Return the (3,) intensity of a light without a profile, from its field `intensity` or `flux`.
+
+    Raises SceneError.
 
     angle : solid angle that divides the flux, steradians
     """

@@ -335,7 +335,10 @@ class _Reader:
         return np.full(3, default)
 
     def _colour(self, keyword: str, default: float, *, limited: bool = True) -> Float64:
-        """Return the (3,) colour of one number or three. Spectra and CIE XYZ give the default, with a note."""
+        """Return the (3,) colour of a keyword with one number or three.
+
+        Spectra and CIE XYZ give the default and a note.
+        """
         words = self.written.get(keyword, [])
         if not words:
             return np.full(3, default)

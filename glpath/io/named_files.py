@@ -15,14 +15,18 @@ from pathlib import Path
 
 from glpath.system.files import reason_of
 
-# Maximum number of subfolders that are searched, and of trailing parts of a path that are tried.
-_MAX_FOLDERS, _MAX_PARTS = 100, 8
+# Maximum number of subfolders that are searched.
+_MAX_FOLDERS = 100
+# Maximum number of trailing parts of a path that are tried.
+_MAX_PARTS = 8
 # Encodings that are tried for names that are not UTF-8. Such names are read as Latin-1 first.
 _ENCODINGS = ("gb18030", "cp932", "big5", "cp949", "cp1250", "cp1251", "cp1252")
 # Maximum length of a path on common systems; longer names are not tried in other spellings.
 _MAX_NAME = 4096
-# Maximum number of files that a note lists, and maximum length of each name.
-_LISTED, _LONGEST = 10, 120
+# Maximum number of files that a note lists.
+_LISTED = 10
+# Maximum length of each name in such a list.
+_LONGEST = 120
 
 
 class UnusableError(Exception):

@@ -20,8 +20,10 @@ from glpath.system.files import check_file, reason_of
 Image = NDArray[np.uint8] | NDArray[np.float32]
 # Formats that are read, by Pillow's names. Its other formats are seldom textures, and some run other programs.
 _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF")
-# TIFF tags BitsPerSample and PhotometricInterpretation.
-_BITS_TAG, _PHOTOMETRIC_TAG = 258, 262
+# TIFF tag BitsPerSample.
+_BITS_TAG = 258
+# TIFF tag PhotometricInterpretation.
+_PHOTOMETRIC_TAG = 262
 #: Maximum memory of all pictures of a model together, in bytes.
 MAX_BYTES = 2**33
 

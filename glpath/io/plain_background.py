@@ -15,8 +15,10 @@ Float64 = NDArray[np.float64]
 
 #: Radiance of a plain background as a fraction of that of a white ground in the scene's light.
 PLAIN = 0.8
-# Rows and columns of directions over a hemisphere, for the integral of a sky's light.
-_ROWS, _COLUMNS = 64, 128
+# Number of rows of directions over a hemisphere, for the integral of a sky's light.
+_ROWS = 64
+# Number of columns of these directions.
+_COLUMNS = 128
 
 
 def with_plain_background(scene: Scene, ground: Float64 | None = None) -> Scene:

@@ -30,8 +30,10 @@ Int64 = NDArray[np.int64]
 
 # Maximum height difference of corners that count as level, as a fraction of the extent.
 _LEVEL = 1e-9
-# Fractions of a polygon's area: of triangles that count as having none, and of what cutting by ears may miss.
-_NO_AREA, _LEFT_OUT = 1e-9, 1e-3
+# Area below which a triangle counts as having none, as a fraction of the polygon's area.
+_NO_AREA = 1e-9
+# Maximum area that ear clipping may miss, as a fraction of the polygon's area.
+_LEFT_OUT = 1e-3
 # Maximum number of corners of a polygon whose edges are all compared with each other.
 _MAX_COMPARED = 1 << 8
 # Maximum number of bands that all edges of a polygon and its holes cross in total; beyond it ears are cut.

@@ -72,7 +72,7 @@ class NpyTriangles:
                 start = file.tell()
         except OSError as error:
             raise location.error(f"names {path}, which cannot be read: {error.strerror}.") from error
-        except Exception as error:  # numpy evaluates the header as a Python expression
+        except Exception as error:  # numpy evaluates the header as Python, which may raise any error
             raise location.error(f"names {path}, which is no .npy file of numpy's.") from error
         right = len(shape) == 3 and shape[1:] == (3, 3) and shape[0] > 0 and dtype.kind == "f" and not fortran
         if not right or dtype.itemsize not in (4, 8):

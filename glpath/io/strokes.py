@@ -14,8 +14,12 @@ from glpath.scene.tessellate import unit_sphere
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-# Radii in diagonals of the bounding box: of lines, and minimum and maximum of points.
-_LINE, _MIN_POINT, _MAX_POINT = 0.004, 0.0005, 0.02
+# Radius of lines, as a fraction of the bounding box's diagonal.
+_LINE = 0.004
+# Minimum radius of points, as a fraction of that diagonal.
+_MIN_POINT = 0.0005
+# Maximum radius of points, as a fraction of that diagonal.
+_MAX_POINT = 0.02
 # Number of points above which balls have only 20 triangles.
 _MANY = 2_000
 _SIDES = 8

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from glpath.scene.source_location import SourceLocation
 from glpath.system.numerals import real
 
-# NaN and infinity as Microsoft's C libraries write them: `1.#QNAN` and `1.#INF`, in which # begins no comment, in
-# the old one, and `nan(ind)` in the new one.
+# NaN as Microsoft's C libraries write it: `1.#QNAN` in the old library, where # begins no comment, and `nan(ind)`
+# in the new one.
 _NAN = re.compile(r"\b1\.#(?:QNAN|SNAN|IND)\d*|(?<![^\s+-])nan\([^)\s]*\)(?!\S)", re.IGNORECASE)
+# Infinity as the old library writes it, such as `1.#INF`.
 _INFINITE = re.compile(r"\b1\.#(?:INF|J)\d*", re.IGNORECASE)
 # Keywords of statements with a name, which may look like a number or contain #.
 _OF_NAMES = re.compile(

@@ -29,14 +29,23 @@ Up = Annotated[
 #: Suffixes of formats for prints and scans, whose objects more often lie flat than stand.
 LYING = (".stl", ".ply")
 
-# Fraction of an extent within which faces are at its end, and minimum cosine of faces that are perpendicular to it.
-_END, _ACROSS = 0.01, 0.98
-# Minimum fractions of the footprint for a ground and for a base, and maximum fraction along the other axis.
-_GROUND, _BASE, _OTHER = 0.5, 0.3, 0.05
-# Minimum fraction for a ground whose back is above, because the base of a body faces downwards as well.
+# Maximum distance of faces from the end of an extent that count as being at that end, as a fraction of the extent.
+_END = 0.01
+# Minimum cosine between an axis and the normal of a face that counts as perpendicular to the axis.
+_ACROSS = 0.98
+# Minimum fraction of the footprint that a ground covers.
+_GROUND = 0.5
+# Minimum fraction of the footprint that a base covers.
+_BASE = 0.3
+# Maximum fraction of the footprint that a ground or base along y covers if z is to be up.
+_OTHER = 0.05
+# Minimum fraction of the footprint that a ground with its front downwards covers. It is larger than `_GROUND`,
+# because the base of a body faces downwards as well.
 _WHOLE = 0.95
-# Minimum fraction of a surface that faces upwards, and ratio of height to width below which an object is flat.
-_UPWARDS, _FLAT = 0.9, 0.25
+# Minimum fraction of the seen surface that faces upwards on a surface that faces upwards nearly everywhere.
+_UPWARDS = 0.9
+# Ratio of height to width below which an object is flat.
+_FLAT = 0.25
 # Ratio of height to width below which everything lies in a plane, and either axis may be up.
 _PLANE = 1e-6
 

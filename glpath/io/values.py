@@ -69,7 +69,11 @@ def unknown(kind: str, name: str, known: Sequence[str], location: SourceLocation
 
 
 def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
-    """Return a sentence, begun by `kind`, on files with these suffixes beside a missing one, most similar first."""
+    """Return a sentence that lists files in the folder of a missing file, most similar names first.
+
+    kind    : first word of the sentence
+    formats : suffixes of the files to list
+    """
     if not os.path.isdir(path.parent):
         return f"There is no folder {path.parent} either. A relative path starts at the folder of the scene file."
     others = [file.name for file in path.parent.iterdir() if file.suffix.lower() in formats]

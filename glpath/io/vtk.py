@@ -24,8 +24,9 @@ from glpath.system.files import whole_file
 from glpath.system.frames import package
 
 _TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
-# VTK's types of cells, by number of corners: vertex, triangle, quadrilateral; and its type of other polygons.
+# VTK's cell types by number of corners: vertex, triangle and quadrilateral.
 _CELLS = {1: 1, 3: 5, 4: 9}
+# VTK's cell type of other polygons.
 _POLYGON = 7
 
 

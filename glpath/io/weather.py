@@ -37,9 +37,14 @@ TYPICAL_YEAR = 2023
 _MAX_BYTES = 2**24
 # Minimum irradiance that marks a missing value, W m^-2.
 _MISSING = 9000.0
-# EPW files: number of lines before the first hour, first word of the last of these, first word of the line about
-# leap years, and number of fields of a row.
-_EPW_HEAD, _EPW_LAST, _EPW_HOLIDAYS, _EPW_FIELDS = 8, "DATA PERIODS", "HOLIDAYS/DAYLIGHT SAVING", 35
+# Number of lines before the first hour of an EPW file.
+_EPW_HEAD = 8
+# Text at the start of the last of these lines.
+_EPW_LAST = "DATA PERIODS"
+# Text at the start of the line about leap years in an EPW file.
+_EPW_HOLIDAYS = "HOLIDAYS/DAYLIGHT SAVING"
+# Number of fields in a row of an EPW file.
+_EPW_FIELDS = 35
 # Number of lines before the first hour of a TMY3 file.
 _TMY3_HEAD = 2
 # Lowest irradiance that counts as noise of a pyranometer around 0, W m^-2.

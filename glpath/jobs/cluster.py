@@ -55,10 +55,14 @@ log = logging.getLogger("glpath")
 CHUNK_SECONDS = 5.0
 # Number of chunks at each worker: one that it renders and one that waits, so that the worker does not wait.
 _AHEAD = 2
-# Polling intervals of results and of the list of workers, seconds.
-_TICK_S, _LOOK_AROUND_S = 0.25, 2.0
-# Maximum time to transfer a film, seconds, and number of parallel transfers.
-_GATHER_S, _GATHERERS = 60.0, 4
+# Polling interval of results, seconds.
+_TICK_S = 0.25
+# Polling interval of the list of workers, seconds.
+_LOOK_AROUND_S = 2.0
+# Maximum time to transfer a film, seconds.
+_GATHER_S = 60.0
+# Number of parallel transfers.
+_GATHERERS = 4
 # Time for which a lost worker gets no chunks, seconds. The scheduler notices a dead worker late, and a chunk sent
 # there would count as a failed attempt.
 _SHUN_S = 10.0

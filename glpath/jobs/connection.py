@@ -25,16 +25,19 @@ from glpath.system.machine import core_count
 
 log = logging.getLogger("glpath")
 
-# Prefix of addresses of local processes, and their maximum number.
+# Prefix of addresses of local processes.
 _LOCAL = "local:"
+# Maximum number of local processes.
 _MAX_LOCAL = 1024
 _LOOPBACK = "127.0.0.1"
 # Maximum wait for a refused connection, seconds; a new scheduler listens after a second or two.
 _REFUSED_S = 5.0
 # Maximum number of attempts to make a client if its thread does not start within Dask's timeout.
 _LOOP_STARTS = 3
-# Time for which a broken connection may recover, and maximum time of a scheduler's answer; seconds.
-_LOST_S, _ANSWER_S = 3.0, 30.0
+# Time for which a broken connection may recover, seconds.
+_LOST_S = 3.0
+# Maximum time of a scheduler's answer, seconds.
+_ANSWER_S = 30.0
 _ENCRYPTED = ("tls://", "wss://", "inproc://")
 
 

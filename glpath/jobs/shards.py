@@ -73,10 +73,12 @@ def merge_shards(paths: Iterable[Path]) -> tuple[Film, list[Path]]:
 
 
 def _another_render(metadata: Mapping[Path, FilmMetadata], found: Sequence[tuple[str, str, str]]) -> UsageError:
-    """Return the error for two films that do not merge; it names the film that alone lacks a denoiser's AOVs.
+    """Return the error for two films that do not merge.
+
+    If only one of them lacks a denoiser's AOVs, name that film.
 
     metadata : metadata of both films, by file
-    found    : their `differences`
+    found    : `differences` of the two metadata
     """
     first, path = metadata
     words = "; ".join(f"{what} is {theirs}, in {first} {ours}" for what, ours, theirs in found)

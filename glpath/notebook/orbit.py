@@ -15,9 +15,11 @@ _ZOOM_PER_NOTCH = 1.15
 
 
 def turned(camera: Camera, right: float, down: float) -> Camera:
-    """Return the camera rotated around its target as the pointer drags the scene, in pixels.
+    """Return the camera rotated around its target, so that the scene follows the pointer.
 
-    The camera does not move beyond the pole.
+    The camera stops below the pole.
+
+    right, down : pointer motion, pixels
     """
     camera = camera.turned(-_DEGREES_PER_PIXEL * right)
     up = camera.up / np.linalg.norm(camera.up)

@@ -46,9 +46,12 @@ _INCOMPARABLE = 1e9
 _MARKER = "render_regression"
 _MARKED = ("mode", "limits", "baseline_path", "ignore", "style", "backend", "savefig_kwargs", "remove_text")
 
-# Header keys of the PNG beside an EXR, and of a baseline's test and image name.
+# Header key of the PNG beside an EXR.
 PREVIEW = "glpath.preview"
-_TEST, _NAME = "glpath.test", "glpath.picture"
+# Header key of a baseline's test.
+_TEST = "glpath.test"
+# Header key of a baseline's image name.
+_NAME = "glpath.picture"
 
 
 class RenderRegression:

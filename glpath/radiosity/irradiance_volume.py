@@ -25,8 +25,12 @@ from glpath.radiosity.mesh.mesh import Elements
 from glpath.radiosity.solution import RadiositySolution
 from glpath.scene.model import Float64, Scene
 
-#: Target number of occupied cells; maximum number of cells in the grid, and along an axis.
-OCCUPIED, CELLS, ALONG = 1 << 14, 1 << 18, 512
+#: Target number of occupied cells.
+OCCUPIED = 1 << 14
+#: Maximum number of cells in the grid.
+CELLS = 1 << 18
+#: Maximum number of cells along an axis of the grid.
+ALONG = 512
 # Number of sample points on a surface as large as a cell's face.
 _POINTS = 8
 

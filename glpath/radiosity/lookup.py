@@ -26,9 +26,11 @@ from glpath.sampling.sobol import sobol_points
 from glpath.scene.model import Float64, Scene
 from glpath.system.kernels import kernel
 
-# Irradiance of a light sample, relative to that of a sky with the lamp's radiance. From the first value on the
-# table holds some of the direct light, from the second on all of it.
-_FIRST, _ALL = 0.5, 1.5
+# Closeness to a lamp above which the table holds a part of its direct light. Closeness is the irradiance of a light
+# sample, relative to that of a sky with the lamp's radiance.
+_FIRST = 0.5
+# Closeness from which on the table holds all direct light.
+_ALL = 1.5
 _LIGHT_SAMPLES = 512
 #: Minimum distance of elements that are never looked up.
 NEVER = 1e30
@@ -86,7 +88,10 @@ def _with_share(parts: NDArray[np.float32], share: Float64) -> Float64:
 
 
 def _widths(scene: Scene, solution: RadiositySolution) -> Float64:
-    """Return for each lattice element the width (E,) of its solver's element, a square of twice its area."""
+    """Return the width (E,) of the solver's element that contains each lattice element.
+
+    The width is the side of a square with twice the area of the solver's element.
+    """
     count = solution.divisions.astype(np.int64) ** 2
     return np.asarray(np.repeat(np.sqrt(2.0 * scene.areas / count), count) * solution.leaf_size)
 

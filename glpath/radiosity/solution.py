@@ -38,8 +38,10 @@ Part = Literal["both", "direct", "indirect"]
 FORMAT = 2
 # Maximum number of parts of a triangle's edge, so that int32 can count its elements.
 _MAX_DIVISIONS = 1 << 15
-#: Indices of direct and indirect light in the arrays of a solution.
-DIRECT, INDIRECT = 0, 1
+#: Index of direct light in the arrays of a solution.
+DIRECT = 0
+#: Index of indirect light in the arrays of a solution.
+INDIRECT = 1
 _PARTS: dict[Part, tuple[int, ...]] = {"both": (DIRECT, INDIRECT), "direct": (DIRECT,), "indirect": (INDIRECT,)}
 
 

@@ -44,9 +44,10 @@ if TYPE_CHECKING:
 Window = tuple[int, int, int, int]
 Say = Callable[[str], None]
 
-# Memory of an expanded triangle in bytes (5.9 GiB measured for 7.7 million triangles), and the number of triangles
-# from which memory is checked.
-_BYTES_PER_TRIANGLE, _MANY_TRIANGLES = 820, 1_000_000
+# Memory of an expanded triangle in bytes (5.9 GiB measured for 7.7 million triangles).
+_BYTES_PER_TRIANGLE = 820
+# Number of triangles from which memory is checked.
+_MANY_TRIANGLES = 1_000_000
 
 _Shared = TypeVar("_Shared", PathBufferSettings, GatherSettings)
 
@@ -62,20 +63,29 @@ _CROWDED = 0.25
 #: Key in the statistics of a film whose paths have no guides, because the time limit left no time for a solution.
 UNGUIDED = "unguided_by_time_limit"
 
-#: Number of patches and particles of a solution made for a gather. A gather looks up only indirect light, one
-#: bounce away, so the noise averages over hundreds of elements. Compared with eight million particles, these few
-#: change an image's relMSE by 7e-6 (`cornell-box-36`) and 2e-5 (`room`). For the same error, progressive refinement
-#: takes three times as long there, and ten times in `office`.
-GATHER_PATCHES, _MIN_PARTICLES, _MAX_PARTICLES, _PARTICLES_PER_TRIANGLE = 500, 1 << 16, 1 << 20, 8
+#: Number of patches of a solution made for a gather. A gather looks up only indirect light, one bounce away, so the
+#: noise averages over hundreds of elements.
+GATHER_PATCHES = 500
+#: Minimum number of particles of such a solution. Compared with eight million particles, these few change an
+#: image's relMSE by 7e-6 (`cornell-box-36`) and 2e-5 (`room`). For the same error, progressive refinement takes
+#: three times as long there, and ten times in `office`.
+_MIN_PARTICLES = 1 << 16
+#: Maximum number of particles of such a solution.
+_MAX_PARTICLES = 1 << 20
+#: Number of particles for each triangle, between the minimum and the maximum.
+_PARTICLES_PER_TRIANGLE = 8
 # Factor on the particles under a sky; the solver adds more if these are too few. Most particles that start all over
 # a scene leave it at once, and few enter through a window. In a room of 4 x 5 beside a ground of 80 x 80, the
 # room's mean varies by 0.5 % between seeds.
 _STARTING_EVERYWHERE = 4
-#: Difference between parts of an element above which it is split, as a fraction of the local irradiance; the second
-#: value is for a refined solution.
-_THRESHOLD, _REFINED_THRESHOLD = 0.25, 0.09
-#: Factors on the numbers of patches and particles for a refined solution.
-_MORE_PATCHES, _MORE_PARTICLES = 4, 8
+#: Difference between parts of an element above which the element is split, as a fraction of the local irradiance.
+_THRESHOLD = 0.25
+#: The same fraction for a refined solution.
+_REFINED_THRESHOLD = 0.09
+#: Factor on the number of patches for a refined solution.
+_MORE_PATCHES = 4
+#: Factor on the number of particles for a refined solution.
+_MORE_PARTICLES = 8
 _COARSE_PIXELS = 1 << 16  # pixels of an image for which GATHER_PATCHES suffice
 
 
@@ -130,7 +140,10 @@ class Plan(ABC):
 
     @abstractmethod
     def traceable(self, scene: Scene) -> Scene:
-        """Return the scene in the engine's form, relative to its `origin`. Raises SceneError."""
+        """Return the scene in the form that the engine traces, with coordinates relative to `Scene.origin`.
+
+        Raises SceneError.
+        """
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
         """Return the plan with results that need the traceable scene but no context, such as a radiosity solution.

@@ -1,4 +1,4 @@
-"""Options of a run that do not depend on the image: device, end, film to resume, reports.
+"""Options for the computation of a film, not for its content: device, stop rule, film to resume, reports.
 
 A `RenderJob` defines the content of a film, `RunOptions` define its computation. They are keyword arguments of
 `render`, `render_frames`, `run`, `irradiance`, `lightmap` and `probes` (`RunKeywords`). The command line converts
@@ -56,7 +56,7 @@ class RunKeywords(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options of a run.
+    """Options for the computation of a film: device, time limit, stop rule, film to resume, reports.
 
     backend, device, require_gpu : see `glpath.gl.context.open_context`
     threads        : maximum number of threads of this process from now on; default: one per core. A software

@@ -7,5 +7,7 @@ from typing import Literal
 #: Kind of sample points: a Sobol sequence, or independent random points, see `points`.
 Sampling = Literal["sobol", "random"]
 
-#: Maximum path sets and start index: a Sobol sequence of 30 bits ends at 2**30.
-MAX_SPP, MAX_FIRST_PATH_SET = 2**29 - 256, 2**29
+#: Maximum number of path sets. A Sobol sequence of 30 bits ends at 2**30.
+MAX_SPP = 2**29 - 256
+#: Maximum index of the first path set.
+MAX_FIRST_PATH_SET = 2**29

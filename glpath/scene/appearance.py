@@ -27,11 +27,11 @@ Int64 = NDArray[np.int64]
 
 #: Barycentric coordinates b1, b2 of the corners of a whole triangle.
 WHOLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-# Numbers of parts along a triangle's edges, for means: a part is about as large as a texel, within these bounds.
+# Allowed numbers of parts along a triangle's edge for its mean. Within these bounds, a part is about a texel large.
 _PARTS = (4, 8, 16, 32, 64)
-# Maximum number of points of all means, unless all triangles have the fewest. In `parlour`, 256 points a triangle
-# instead of 4096 change its mean by 0.6 %. The mean of the room changes by 0.05 %, far less than the noise of a
-# solution's particles.
+# Maximum number of points for the means of all triangles. It is exceeded only if all triangles have the fewest
+# parts. In `parlour`, 256 points per triangle instead of 4096 change the mean of a triangle by 0.6 %, and the mean
+# of the room by 0.05 %. That is far less than the noise of a solution's particles.
 _ALL_POINTS = 1 << 21
 _TOGETHER = 1 << 16  # points looked up at once, so that their arrays fit into a cache
 
@@ -198,7 +198,7 @@ class Appearance:
 
     @property
     def culled(self) -> NDArray[np.bool_]:
-        """(T,) bool: True if the back of the triangle is culled."""
+        """Flags (T,), True for triangles with a culled back."""
         return np.array([material.culled for material in self._materials], bool)[self.scene.triangle_shape]
 
     def clear_shares(self) -> Float64:
@@ -223,7 +223,7 @@ class Appearance:
         return found
 
     def _glass_colour(self, triangle: Int64, base: Float64) -> Float64:
-        """(N, 3) what the glass of triangles (N,) lets through, of their colours (N, 3)."""
+        """Return the transmittance (N, 3) of the glass of triangles (N,) from their colours (N, 3)."""
         by_root = np.array([m.layering == "disney" for m in self._materials])[self.scene.triangle_shape[triangle]]
         return np.where(by_root[:, None], np.sqrt(base), base)
 

@@ -19,14 +19,20 @@ from glpath.scene.choices import Projection
 from glpath.scene.geometry import Float64
 from glpath.system.pyrr_matrices import matrix33
 
-# View angles of `framing` in degrees, azimuth from the front to the right, and elevation. The first value is for a
-# box as wide and high as deep, the second for a thin box (azimuth) or a flat one (elevation). The view begins to
-# turn below these ratios: width over depth, and height over horizontal extent.
-_AZIMUTH, _ELEVATION = (20.0, 75.0), (18.0, 40.0)
-_DEEP, _FLAT = 0.8, 0.3
+# Azimuths of the view of `framing` from the front to the right, degrees: for a box as wide as deep, and for a thin
+# box.
+_AZIMUTH = (20.0, 75.0)
+# Elevations of the view of `framing`, degrees: for a box as high as wide, and for a flat box.
+_ELEVATION = (18.0, 40.0)
+# Ratio of width to depth below which the azimuth increases.
+_DEEP = 0.8
+# Ratio of height to horizontal extent below which the elevation increases.
+_FLAT = 0.3
+# Field of view of `framing`, degrees.
 _FOV = 30.0
-# Ratio of the image to the visible points, and minimum distance of the eye in diagonals of their box.
+# Size of the image relative to the extent of the visible points in it.
 _MARGIN = 1.15
+# Minimum distance of the eye, in diagonals of the box around these points.
 _CLOSEST = 0.1
 
 
@@ -181,7 +187,7 @@ class Camera:
 
     @property
     def offset(self) -> tuple[float, float]:
-        """Offset of the image plane's centre from the view axis, to the right and up, in the units of `extent`."""
+        """Offset of the image centre from the view axis, to the right and up, in the units of `extent`."""
         (wide, high), (across, down) = self.extent, self.principal_point
         return wide * (1.0 - 2.0 * across), high * (2.0 * down - 1.0)
 

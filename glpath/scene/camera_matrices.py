@@ -17,8 +17,10 @@ from glpath.scene.geometry import Float64
 Convention = Literal["opengl", "opencv"]
 CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
 
-# Tolerance of a rotation matrix, and of a skew as a fraction of the focal length, for rounding errors.
-_RIGID, _SKEW = 1e-4, 1e-9
+# Tolerance of a rotation matrix for rounding errors.
+_RIGID = 1e-4
+# Tolerance of a skew for rounding errors, as a fraction of the focal length.
+_SKEW = 1e-9
 
 
 def camera(

@@ -30,7 +30,10 @@ from glpath.scene.slab import between_faces
 SMOOTH = 1e-3
 #: Number of table cells along the square root of the cosine, and along the roughness.
 CELLS = 24
-_AZIMUTHS, _HEIGHTS = 16, 32  # points of the quadrature
+# Number of azimuths of the quadrature.
+_AZIMUTHS = 16
+# Number of heights of the quadrature.
+_HEIGHTS = 32
 
 
 @lru_cache(maxsize=64)

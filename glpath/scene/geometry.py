@@ -55,7 +55,7 @@ class Mesh:
 
     @cached_property
     def used_vertices(self) -> Float64:
-        """(V', 3) float64 vertices that are corners of a triangle; the array `vertices` itself if all are."""
+        """Vertices (V', 3) float64 that are corners of a triangle; `vertices` itself if all are corners."""
         return _used_rows(self.vertices, self.faces)
 
     @property
@@ -201,7 +201,10 @@ class Shapes(tuple[Shape, ...]):
 
     @classmethod
     def of(cls, shapes: Iterable[Shape]) -> Shapes:
-        """Return `shapes` as `Shapes`; unchanged, with its derived arrays, if it is `Shapes` already."""
+        """Return `shapes` as `Shapes`.
+
+        An argument of type `Shapes` is returned unchanged, with its cached arrays.
+        """
         return shapes if isinstance(shapes, Shapes) else cls(shapes)
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -242,12 +245,12 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def vertices(self) -> Float64:
-        """(V, 3) float64 vertices in world space, those of all instances one after the other."""
+        """Vertices (V, 3) float64 in world space, one instance after the other."""
         return _joined([placed(mesh.vertices, m) for _, mesh, m in self.mesh_instances()], np.zeros((0, 3)))
 
     @property
     def used_vertices(self) -> Float64:
-        """(V', 3) float64 rows of `vertices` that are corners of a triangle."""
+        """Rows of `vertices`, (V', 3) float64, that are corners of a triangle."""
         return _used_rows(self.vertices, self.faces)
 
     def triangles_of(self, index: int, which: NDArray[np.bool_] | None = None) -> Iterator[Float64]:
@@ -264,7 +267,7 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def faces(self) -> Int32:
-        """(T, 3) int32 numbers of `vertices`, counter-clockwise seen from the front."""
+        """Indices (T, 3) int32 into `vertices`, counter-clockwise seen from the front."""
         meshes = [mesh for _, mesh, _ in self.mesh_instances()]
         first = accumulate((len(mesh.vertices) for mesh in meshes), initial=0)
         parts = [
@@ -275,33 +278,33 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def vertex_uv(self) -> Float64:
-        """(V, 2) float64 texture coordinates of `vertices`; zeros if a mesh has none."""
+        """Texture coordinates (V, 2) float64 of `vertices`; zeros if a mesh has none."""
         return _joined(
             [_or_zeros(mesh.uv, len(mesh.vertices), 2) for _, mesh, _ in self.mesh_instances()], np.zeros((0, 2))
         )
 
     @cached_property
     def vertex_uv1(self) -> Float64:
-        """(V, 2) float64 second texture coordinates of `vertices`; zeros if a mesh has none."""
+        """Second texture coordinates (V, 2) float64 of `vertices`; zeros if a mesh has none."""
         return _joined(
             [_or_zeros(mesh.uv1, len(mesh.vertices), 2) for _, mesh, _ in self.mesh_instances()], np.zeros((0, 2))
         )
 
     @cached_property
     def vertex_colours(self) -> Float64:
-        """(V, 4) float64 colours of `vertices`, linear Rec. 709 and alpha; ones if a mesh has none."""
+        """Colours (V, 4) float64 of `vertices`, linear Rec. 709 and alpha; ones if a mesh has none."""
         meshes = (mesh for _, mesh, _ in self.mesh_instances())
         parts = [np.broadcast_to(1.0, (len(m.vertices), 4)) if m.colours is None else m.colours for m in meshes]
         return _joined(parts, np.zeros((0, 4)))
 
     @cached_property
     def vertex_normals(self) -> Float64:
-        """(V, 3) float64 unit shading normals of `vertices` in world space; zeros stand for the face normal."""
+        """Unit shading normals (V, 3) float64 of `vertices` in world space; zeros stand for the face normal."""
         return _joined([_world_normals(mesh, m) for _, mesh, m in self.mesh_instances()], np.zeros((0, 3)))
 
     @cached_property
     def triangles(self) -> Float64:
-        """(T, 3, 3) float64 corners in world space."""
+        """Corners (T, 3, 3) float64 of triangles in world space."""
         parts = []
         for _, mesh, m in self.mesh_instances():
             vertices = placed(mesh.vertices, m)
@@ -311,7 +314,7 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def boxes(self) -> tuple[Float64, Float64]:
-        """(N, 3) lower and upper corners of boxes around shapes' triangles; lower > upper without triangles."""
+        """Lower and upper corners, (N, 3) each, of boxes around shapes' triangles; lower > upper if empty."""
         lower, upper = np.full((len(self), 3), np.inf), np.full((len(self), 3), -np.inf)
         for index, shape in enumerate(self):
             if isinstance(shape.geometry, Mesh) and shape.count:
@@ -321,19 +324,19 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def triangle_uv(self) -> Float64:
-        """(T, 3, 2) float64 texture coordinates of the corners; zeros if a mesh has none."""
+        """Texture coordinates (T, 3, 2) float64 of the triangles' corners; zeros if a mesh has none."""
         meshes = (mesh for _, mesh, _ in self.mesh_instances())
         parts = [_or_zeros(None if m.uv is None else m.uv[m.faces], len(m.faces), 3, 2) for m in meshes]
         return _joined(parts, np.zeros((0, 3, 2)))
 
     @cached_property
     def spheres(self) -> Float64:
-        """(S, 3, 4) float64 maps of the spheres, see `Scene.spheres`."""
+        """Maps (S, 3, 4) float64 of the spheres, see `Scene.spheres`."""
         return _joined([s.world_from_object for s in self if s.geometry == "sphere"], np.zeros((0, 3, 4)))
 
     @cached_property
     def planes(self) -> Float64:
-        """(P, 3, 4) float64 maps of the planes, see `Scene.planes`."""
+        """Maps (P, 3, 4) float64 of the planes, see `Scene.planes`."""
         return _joined([s.world_from_object for s in self if s.geometry == "plane"], np.zeros((0, 3, 4)))
 
     @cached_property

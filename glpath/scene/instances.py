@@ -52,12 +52,12 @@ class InstancedScene:
 
     @cached_property
     def ranges(self) -> tuple[slice, ...]:
-        """(M,) triangle range of each mesh in `resident`."""
+        """Triangle range of each of the M meshes in `resident`."""
         return tuple(self.resident.shapes.ranges[shape] for shape in self.mesh_shape)
 
     @cached_property
     def mesh_of_triangle(self) -> Int32:
-        """(T,) int32 for `resident`: 1 + mesh number of a triangle, or 0 if it is at its visible position."""
+        """Index (T,) int32 of the mesh of each triangle in `resident`, plus 1; 0 if not instanced."""
         found = np.zeros(self.resident.shapes.total("triangle"), np.int32)
         for number, part in enumerate(self.ranges):
             found[part] = 1 + number
@@ -65,7 +65,7 @@ class InstancedScene:
 
     @cached_property
     def boxes(self) -> tuple[Float64, Float64]:
-        """(I, 3) lower and upper corners of the boxes around the instances."""
+        """Lower and upper corners, (I, 3) each, of the boxes around the instances."""
         lower, upper = np.empty((len(self), 3)), np.empty((len(self), 3))
         for number, shape in enumerate(self.mesh_shape):
             geometry, of_mesh = self.resident.shapes[shape].geometry, self.mesh == number

@@ -37,8 +37,9 @@ CHARLIE_LAMBDA = (
     (25.3245, 3.32435, 0.16801, -1.27393, -4.85967),
     (21.5473, 3.82987, 0.19823, -1.97760, -4.32054),
 )
-# Values of bytes, as linear numbers and as sRGB colours.
+# Value of each byte as a linear number.
 _LINEAR = (np.arange(256) / 255.0).astype(np.float32)
+# Linear value of each byte of an sRGB colour.
 _FROM_SRGB = decode_srgb(np.arange(256) / 255.0).astype(np.float32)
 #: The fields of a `Material` that are texture slots.
 SLOTS = (
@@ -92,12 +93,12 @@ class Texture:
 
     @property
     def _colours(self) -> NDArray[np.float32]:
-        """(256,) linear value of each byte of a colour."""
+        """Linear value (256,) of each byte of a colour."""
         return _FROM_SRGB if self.srgb else _LINEAR
 
     @cached_property
     def mean(self) -> Float64:
-        """(3,) float64 mean of all texels, linear Rec. 709, weighted by alpha if the image has it."""
+        """Mean (3,) float64 of all texels, linear Rec. 709, weighted by alpha if the image has it."""
         image = self.linear()
         weight = image[..., 3] if image.shape[2] == 4 and image[..., 3].any() else None
         colours = image[..., :3].reshape(-1, 3).astype(np.float64)
@@ -105,7 +106,7 @@ class Texture:
 
     @cached_property
     def max(self) -> Float64:
-        """(3,) float64 maximum of each channel, linear Rec. 709."""
+        """Maximum (3,) float64 of each channel, linear Rec. 709."""
         # Axis by axis, because numpy is then many times as fast. Larger bytes are brighter colours.
         largest = self.image.max(axis=0).max(axis=0)[:3]
         largest = self._colours[largest] if self.image.dtype == np.uint8 else largest.astype(np.float32)
@@ -325,7 +326,7 @@ class Material:
 
     @property
     def dielectric_ratio(self) -> Float64:
-        """(3,) float64 ratio of reflectances at normal and at grazing incidence, not clipped to 1."""
+        """Ratio (3,) float64 of the reflectances at normal and at grazing incidence, not clipped to 1."""
         once = ((self.ior - 1.0) / (self.ior + 1.0)) ** 2
         if self.layering in ("plastic", "beside") and self.is_thin_dielectric:
             once = float(between_faces(once))
@@ -338,17 +339,17 @@ class Material:
 
     @property
     def clear(self) -> float:
-        """Fraction of its base that is glass, in [0, 1]."""
+        """Fraction of the material's base that is glass, in [0, 1]."""
         return 0.0 if self.roughness is None else (1.0 - self.metallic) * self.transmission
 
     def hemispherical_reflectance(self, base: Float64, clear: float = 0.0) -> Float64:
-        """Return the (3,) float64 fraction of uniform illumination that is reflected or transmitted.
+        """Return the (3,) float64 fraction of uniform illumination that the material reflects or transmits.
 
         base  : (3,) reflectance of the base
         clear : fraction of the base whose transmitted light is not included
 
-        Solvers that treat all surfaces as diffuse use it. For mirrors and clear surfaces it is at most 0.97,
-        because light between them would never die out. Roughness is ignored for glass and under a thin film, where
+        Solvers that treat all surfaces as diffuse use this fraction. It is at most 0.97, because light between
+        mirrors or clear surfaces would never die out. Roughness is ignored for glass and under a thin film, where
         Schlick's formula has the mean f0 + (f90 - f0) / 21.
         """
         if not self.has_lobes:
@@ -387,9 +388,9 @@ class Material:
 
     @property
     def schlick(self) -> tuple[Float64, float]:
-        """The reflectances of its dielectric, (3,) at normal and at grazing incidence, for Schlick's formula.
+        """Reflectances (3,) of the material's dielectric at normal and at grazing incidence, for Schlick's formula.
 
-        Where Fresnel's equations hold, the formula with these has their mean over light from everywhere.
+        If Fresnel's equations apply, the formula with these reflectances has the same mean over uniform light.
         """
         f0, f90 = self.dielectric
         if self.layering == "gltf":
@@ -399,23 +400,23 @@ class Material:
 
     @property
     def layer_share(self) -> float:
-        """Share of what is not metal that its dielectric covers."""
+        """Fraction of the part without metal that the dielectric covers."""
         return self.transmission if self.layering == "beside" else 1.0
 
     @property
     def _crossing(self) -> float:
-        """Share of light from everywhere that crosses the boundary of its glass."""
+        """Fraction of uniform light that crosses the boundary of the material's glass."""
         if self.layering == "gltf":
             return float(1.0 - self.dielectric_albedo.max())
         return 1.0 - boundary_reflectance(self.ior, self.is_thin_dielectric)[1]
 
     def glass_colour(self, base: Float64) -> Float64:
-        """Return what its glass lets through of light that is not reflected, for `reflectance` base."""
+        """Return the transmittance of glass of colour `base` for light that is not reflected."""
         return np.sqrt(base) if self.layering == "disney" else base
 
     @property
     def dielectric_albedo(self) -> Float64:
-        """(3,) float64 fraction of uniform illumination that its dielectric reflects."""
+        """Fraction (3,) float64 of uniform illumination that the material's dielectric reflects."""
         assert self.roughness is not None
         f0, f90 = self.schlick
         if self.iridescence > 0 and self.layering == "gltf":

@@ -150,21 +150,21 @@ class Scene:
 
     @property
     def triangles(self) -> Float64:
-        """(T, 3, 3) float64 corners in world space, counter-clockwise seen from the front. Read-only.
+        """Corners (T, 3, 3) float64 of triangles in world space, counter-clockwise seen from the front. Read-only.
 
-        Computed from the meshes on first use. `shapes.vertices` and `shapes.faces` are the same with shared
-        vertices.
+        They are computed from the meshes on first use. `shapes.vertices` and `shapes.faces` have the same triangles
+        with shared vertices.
         """
         return self.shapes.triangles
 
     @property
     def triangle_uv(self) -> Float64:
-        """(T, 3, 2) float64 texture coordinates of the corners; zeros if a mesh has none."""
+        """Texture coordinates (T, 3, 2) float64 of the triangles' corners; zeros if a mesh has none."""
         return self.shapes.triangle_uv
 
     @property
     def spheres(self) -> Float64:
-        """(S, 3, 4) float64 maps world_from_unit of the unit sphere, last column the centre.
+        """Maps world_from_unit (S, 3, 4) float64 of the unit sphere; the last column is the centre.
 
         Any affine map is allowed, so ellipsoids too. The front is outside, or inside if the determinant is
         negative. u follows the longitude about the unit sphere's z axis; v goes from 0 at its south pole to 1 at
@@ -174,7 +174,7 @@ class Scene:
 
     @property
     def planes(self) -> Float64:
-        """(P, 3, 4) float64 maps world_from_plane.
+        """Maps world_from_plane (P, 3, 4) float64.
 
         The columns are: the directions in which u and v grow by one (any length, perpendicular), the unit normal
         out of the front, and the point with u = v = 0.
@@ -183,37 +183,37 @@ class Scene:
 
     @property
     def triangle_shape(self) -> Int32:
-        """(T,) int32 index of each triangle's shape in `shapes`."""
+        """Index (T,) int32 of each triangle's shape in `shapes`."""
         return self.shapes.primitive_shape("triangle")
 
     @property
     def normals(self) -> Float64:
-        """(T, 3) float64 unit normals, out of the front."""
+        """Unit normals (T, 3) float64 of triangles, out of the front."""
         return unit_normals(self.triangles)
 
     @property
     def areas(self) -> Float64:
-        """(T,) float64 triangle areas, scene units squared."""
+        """Areas (T,) float64 of triangles, scene units squared."""
         areas = np.empty(len(self.triangles))
-        # In chunks, because intermediate results take as much memory as the triangles.
+        # Areas are computed in chunks, because intermediate results take as much memory as the triangles.
         for part in (slice(start, start + _CHUNK) for start in range(0, len(areas), _CHUNK)):
             areas[part] = triangle_areas(self.triangles[part])
         return areas
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
-        """(3,) lower and (3,) upper corner of the box around all spheres and triangles, including streamed ones.
+        """Lower corner (3,) and upper corner (3,) of the box around all spheres and triangles, including streams.
 
-        Planes are unbounded and do not count. For a scene of planes only, it is the box around their points.
+        Planes are unbounded and do not count. The box of a scene of planes only contains the planes' points.
         """
         return self.shapes.bounds
 
     @property
     def framed_points(self) -> Float64:
-        """(N, 3) points that must be in the image of a camera that shows the whole scene, see `framing`.
+        """Points (N, 3) that must be in the image of a camera that shows the whole scene, see `framing`.
 
-        They are the vertices of meshes and 26 points of each sphere. Streams, and scenes of planes only, add the
-        corners of `bounds`.
+        The points are the vertices of meshes and 26 points of each sphere. Streams, and scenes of planes only, add
+        the corners of `bounds`.
         """
         points = [
             self.shapes.used_vertices,
@@ -226,7 +226,7 @@ class Scene:
 
     @property
     def origin(self) -> Float64:
-        """(3,) float64 origin of all coordinates, in file coordinates; zeros unless made by `centred`."""
+        """Origin (3,) float64 of all coordinates, in file coordinates; zeros unless `centred` made the scene."""
         return np.zeros(3) if self.centred_by is None else self.centred_by
 
     @cached_property
@@ -252,7 +252,7 @@ class Scene:
 
     @cached_property
     def side_reflectance(self) -> Float64:
-        """(2, T, 3) float64 reflectance of each triangle's front and back. Read-only.
+        """Reflectance (2, T, 3) float64 of each triangle's front and back. Read-only.
 
         The back of a one-sided triangle is black. Textures and vertex colours contribute their mean over the
         triangle, times its opacity. Reflected light therefore does not depend on the position within the triangle.

@@ -80,7 +80,7 @@ class Patches:
 
     @cached_property
     def edges(self) -> Float64:
-        """(P, 4, 4, 3) control points of the edges u = 0, u = 1, v = 0 and v = 1, along v and u."""
+        """Control points (P, 4, 4, 3) of the edges u = 0 and u = 1, along v, and of v = 0 and v = 1, along u."""
         c = self.control
         return np.stack([c[:, 0], c[:, 3], c[:, :, 0], c[:, :, 3]], axis=1)
 
@@ -163,7 +163,7 @@ class PatchChunks:
 
     @cached_property
     def _corners(self) -> Int64:
-        """(P, 4) number of the point in space at each patch's corners."""
+        """Index (P, 4) of the point at each corner of a patch; corners at the same position have the same index."""
         corners = self.patches.control[:, [0, 0, 3, 3], [0, 3, 0, 3]].reshape(-1, 3)
         return _same_rows(corners).reshape(-1, 4)
 

@@ -44,7 +44,10 @@ class Portal:
 
     @property
     def corner_and_edges(self) -> NDArray[np.float64]:
-        """(3, 3): first corner, and edges to the second and the last corner; their cross product points inwards."""
+        """First corner and the edges to the second and the last corner, the rows of a matrix (3, 3).
+
+        The cross product of the edges points inwards.
+        """
         a, b, _, d = self.corners
         return np.stack([a, b - a, d - a])
 

@@ -27,9 +27,12 @@ MIN_FACES = 64
 _MAX_DEVIATION = 1e-3
 # Aggressiveness of the library, 0 to 10: readiness to change the shape for fewer triangles; its default is 7.
 _AGGRESSION = 2
-# Limits for the deviation: number of tested vertices, of points on the simpler surface, and of points near each
-# vertex.
-_ASKED, _POINTS, _NEAR = 20_000, 1 << 16, 12
+# Maximum number of vertices whose deviation is measured.
+_ASKED = 20_000
+# Number of points on the simpler surface to which the deviation is measured.
+_POINTS = 1 << 16
+# Number of these points nearest to a vertex, to whose triangles the vertex is compared.
+_NEAR = 12
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ class Environment:
 
     @cached_property
     def frame(self) -> Float64:
-        """(3, 3), rows are unit vectors to the centre of the image, to its left, and up."""
+        """Unit vectors to the centre of the image, to its left, and up, the rows of a matrix (3, 3)."""
         up = self.up / np.linalg.norm(self.up)
         after = np.eye(3)[(int(np.argmax(np.abs(up))) + 1) % 3]
         middle = after - up * (after @ up)
@@ -196,7 +196,7 @@ class Environment:
 
     @cached_property
     def integral(self) -> Float64:
-        """(3,) integral of the radiance over all directions, W m^-2."""
+        """Integral (3,) of the radiance over all directions, W m^-2."""
         rows = self.image.sum(axis=1, dtype=np.float64)
         masses = self._halves.mass.reshape(-1, 2).sum(axis=1)
         of_map = self.scale * (masses @ rows) * (2 * np.pi / self.image.shape[1])

@@ -1,4 +1,4 @@
-"""The edge of a spot, between the cosines of the angles of full light and of its end.
+"""Fading of a spot's light between the angle of full light and the angle at which the light ends.
 
 Source: the glTF extension KHR_lights_punctual, "Inner and Outer Cone Angles".
 """
@@ -12,11 +12,11 @@ Float64 = NDArray[np.float64]
 
 
 def spot_fade(cosine: ArrayLike, full: ArrayLike, end: ArrayLike) -> Float64:
-    """Fraction of a spot's intensity; `punctual.glsl` is the same for the GPU.
+    """Return the fraction of a spot's intensity in a direction; `punctual.glsl` is the same for the GPU.
 
-    cosine : of the angle to the axis
-    full   : cosine of the angle up to which there is full light
-    end    : cosine of the angle beyond which there is none
+    cosine : cosine of the angle between direction and axis
+    full   : cosine of the angle up to which the light is full
+    end    : cosine of the angle beyond which there is no light
     """
     cosine, full, end = (np.asarray(each, np.float64) for each in (cosine, full, end))
     share = np.clip((cosine - end) / np.where(full > end, full - end, 1.0), 0.0, 1.0)
@@ -24,6 +24,9 @@ def spot_fade(cosine: ArrayLike, full: ArrayLike, end: ArrayLike) -> Float64:
 
 
 def spot_solid_angle(cone: tuple[float, float]) -> float:
-    """Flux of a spot over its intensity, sr: the integral of `spot_fade`. cone: degrees of full light and end."""
+    """Return the integral of `spot_fade`, which is the ratio of a spot's flux to its intensity, sr.
+
+    cone : angles of full light and of the end, degrees
+    """
     full, end = np.cos(np.radians(cone))
     return float(2.0 * np.pi * (1.0 - full + (full - end) / 3.0))

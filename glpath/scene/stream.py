@@ -61,7 +61,7 @@ class Stream:
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
-        """(3,) lower and (3,) upper corner of the box around all triangles."""
+        """Lower corner (3,) and upper corner (3,) of the box around all triangles."""
         return self.lower.min(axis=0), self.upper.max(axis=0)
 
 

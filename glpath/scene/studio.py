@@ -19,8 +19,12 @@ from glpath.scene.sky import Environment
 Float64 = NDArray[np.float64]
 
 _HEIGHT, _WIDTH = 64, 128
-# Radiance of the room straight down, at the horizon and straight up, relative to the lights.
-_FLOOR, _HORIZON, _ZENITH = 0.55, 0.24, 0.4
+# Radiance of the room straight down, relative to the lights.
+_FLOOR = 0.55
+# Radiance of the room at the horizon, relative to the lights.
+_HORIZON = 0.24
+# Radiance of the room straight up, relative to the lights.
+_ZENITH = 0.4
 # Distance of the ground below a model, in diagonals of the model.
 _BELOW = 1e-4
 # Width in degrees of a light's fading edge.

@@ -63,17 +63,17 @@ class Sun:
 
     @property
     def solid_angle(self) -> float:
-        """Solid angle in steradians."""
+        """Solid angle of the disc in steradians."""
         return float(np.pi * self.square_chord)
 
     @property
     def radiance_of_disc(self) -> Float64:
-        """(3,) radiance, W sr^-1 m^-2 or cd m^-2."""
+        """Radiance (3,) of the disc, W sr^-1 m^-2, or cd m^-2 in photometric scenes."""
         return np.asarray(self.irradiance / (np.pi * np.sin(np.radians(self.diameter) / 2) ** 2))
 
     @property
     def integral(self) -> Float64:
-        """(3,) integral of the radiance over all directions, W m^-2."""
+        """Integral (3,) of the radiance over all directions, W m^-2."""
         return self.radiance_of_disc * self.solid_angle
 
     def radiance(self, directions: ArrayLike) -> Float64:

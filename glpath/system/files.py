@@ -31,7 +31,7 @@ Save = Callable[[Path], object]
 _STDOUT = "-"
 # Longest name of a file in bytes, as nearly all file systems have it.
 _MAX_NAME_BYTES = 255
-# Stands for the random part of a temporary name, as no name has it.
+# Placeholder for the random part of a temporary name, which no real name contains.
 _NO_TOKEN = 8 * "\0"
 
 
@@ -76,11 +76,15 @@ MAX_FILE_BYTES = 2**32
 MAX_TEXT_BYTES = 2**28
 # Maximum size of data from a pipe, whose size is unknown in advance, bytes.
 _MAX_PIPE_BYTES = 2**28
-# Maximum wait for a writer of a named pipe, and interval between checks; seconds.
-_WRITER_S, _LOOK_S = 3.5, 0.02
+# Maximum wait for a writer of a named pipe, seconds.
+_WRITER_S = 3.5
+# Interval between checks for such a writer, seconds.
+_LOOK_S = 0.02
 _PART_BYTES = 1 << 20
-# Maximum ratio of a sparse file's size to its data, and size in bytes up to which any file is allowed.
-_HOLES_RATIO, _SMALL_BYTES = 64, 2**26
+# Maximum ratio of a sparse file's size to its data.
+_HOLES_RATIO = 64
+# Size up to which any sparse file is allowed, bytes.
+_SMALL_BYTES = 2**26
 
 
 def check_file(path: str | Path) -> None:

@@ -26,8 +26,9 @@ from glpath.system.files import open_file, reading
 
 # Upper bound of the header size of an array of numbers, bytes.
 _HEADER = 4096
-# Data may expand to this size in bytes, or by this factor.
+# Size to which data may always expand, bytes.
 _UNFOLDED = 256 << 20
+# Maximum ratio of expanded to stored bytes above this size.
 _RATIO = 64
 
 

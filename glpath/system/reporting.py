@@ -16,9 +16,12 @@ Mode = Literal["auto", "bar", "lines", "json", "none"]
 #: Modes of the command line; a notebook may display "auto" differently.
 MODES: tuple[str, ...] = get_args(Mode)
 
-# Interval between two lines, seconds: the minimum, a fraction of the elapsed time, and the maximum. Neither short
-# nor long work fills a log, and continuous integration, which ends silent jobs, gets output.
-_SOONEST, _SHARE, _LATEST = 5.0, 0.05, 120.0
+# Minimum interval between two lines, seconds. Short work then does not fill a log.
+_SOONEST = 5.0
+# Interval between two lines as a fraction of the elapsed time, so that long work does not fill a log.
+_SHARE = 0.05
+# Maximum interval between two lines, seconds. Continuous integration, which ends silent jobs, then gets output.
+_LATEST = 120.0
 
 # Interval between two JSON objects, seconds.
 _JSON_INTERVAL = 0.1

@@ -21,8 +21,10 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.text import Text
 
-# Names of files have at most 255 bytes, paths several of them.
-_LONG_WORD, _ENDS = re.compile(r"[^\s/]{300,}"), 40
+# Words that are shortened. Names of files have at most 255 bytes, but paths have several names.
+_LONG_WORD = re.compile(r"[^\s/]{300,}")
+# Number of characters at both ends that a shortened word keeps.
+_ENDS = 40
 # Unicode's general categories: controls, formats (bidirectional, zero width), halves of surrogates, unassigned,
 # separators of lines and of paragraphs.
 _ESCAPED = frozenset({"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"})

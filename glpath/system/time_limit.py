@@ -111,7 +111,7 @@ def limited(seconds: float | None, *, anew: bool = False) -> Iterator[None]:
 
 @contextmanager
 def part_of_time(*, required: bool = False) -> Iterator[None]:
-    """Context of work that has `PART` of the time left as its limit.
+    """Context that limits its work to the fraction `PART` of the time left.
 
     required : False for work that may be left out: after its part, `check_time` raises TimeLimitError, which the
                caller catches. True for work that may be cut short, but not left out

@@ -16,8 +16,10 @@ Bool = NDArray[np.bool_]
 
 #: Maximum height, which rejects some values that stand for "no data", such as 3.4e38.
 _HIGHEST = 1e5
-# Minimum and maximum spacing; their squares fit in float32.
-_FINEST, _COARSEST = 1e-9, 1e9
+# Minimum spacing; its square fits in float32.
+_FINEST = 1e-9
+# Maximum spacing; its square fits in float32.
+_COARSEST = 1e9
 
 
 @dataclass(frozen=True, eq=False)

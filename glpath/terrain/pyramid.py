@@ -19,8 +19,9 @@ from glpath.system.kernels import inner_kernel, kernel
 Float32 = NDArray[np.float32]
 Int64 = NDArray[np.int64]
 
-#: Offset across a border to find the next block, and minimum distance of an occluder; in cells.
+#: Offset across a border to find the next block, in cells.
 _BEYOND = 1e-9
+#: Minimum distance of an occluder, in cells.
 _NEAREST = 1e-6
 
 

@@ -30,14 +30,22 @@ FIELD_SUFFIXES = (".tif", ".tiff", ".asc", ".npy", ".npz")
 #: Suffixes of files with point clouds.
 CLOUD_SUFFIXES = (".las", ".laz")
 
-# Suffixes of world files, which hold the georeference of a TIFF [ESRI], and their maximum size in bytes.
-_WORLD_FILES, _MAX_WORLD_BYTES = (".tfw", ".tifw", ".wld"), 4096
+# Suffixes of world files, which hold the georeference of a TIFF [ESRI].
+_WORLD_FILES = (".tfw", ".tifw", ".wld")
+# Maximum size of a world file, bytes.
+_MAX_WORLD_BYTES = 4096
 
 # LAS: number of layers and minimum record size in bytes of layered point formats; each further byte is a layer.
 _LAS_LAYERS = {6: (9, 30), 7: (10, 36), 8: (11, 38), 9: (10, 59), 10: (12, 67)}
 _LAS_FORMAT = 0x3F
-# LAS: sizes of the headers before and since 1.4 and of the smallest record, bytes; bit of a compressed format.
-_LAS_HEADER, _LAS_HEADER_1_4, _LAS_RECORD, _LAS_COMPRESSED = 227, 375, 54, 0x80
+# Size of a LAS header before version 1.4, bytes.
+_LAS_HEADER = 227
+# Size of a LAS header since version 1.4, bytes.
+_LAS_HEADER_1_4 = 375
+# Size of the smallest LAS record, bytes.
+_LAS_RECORD = 54
+# Bit of a compressed LAS point format.
+_LAS_COMPRESSED = 0x80
 
 # Metres of a unit of heights, by its names in GDAL, PROJ and EPSG.
 _METRES = {

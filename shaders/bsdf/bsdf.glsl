@@ -22,7 +22,7 @@
 
 struct Bsdf
 {
-    vec3 diffuse;   // reflectance
+    vec3 diffuse;   // diffuse reflectance
     vec3 specular;  // Phong's coefficient
     float exponent;
     vec3 mirror;    // reflectance for light from the mirror direction
@@ -32,22 +32,22 @@ struct Bsdf
     vec3 dielectric;  // dielectric's reflectance at normal incidence
     float grazing;    // dielectric's reflectance at grazing incidence
     float layered;    // fraction of the surface that is a dielectric
-    vec2 alpha;       // of GGX, along the tangent and across
+    vec2 alpha;       // alpha of GGX, along the tangent and across it
 #ifdef HAS_ANISOTROPY
-    vec3 tangent;       // along the surface; 0 for none
+    vec3 tangent;       // unit tangent along the surface; 0 for none
 #endif
 #ifdef HAS_IRIDESCENCE
-    vec3 film;        // fraction under a thin film; film thickness, nm; its index
+    vec3 film;        // x: fraction of the surface under a thin film; y: film thickness, nm; z: index of refraction of the film
 #endif
-    float coat;       // fraction under clearcoat
+    float coat;       // fraction of the surface under clearcoat
     float coat_alpha;
 #ifdef HAS_COAT_NORMALS
-    vec3 coat_normal;   // mirror normal, on wo's side
-    float coat_cosine;  // between wo and the clearcoat's shading normal
+    vec3 coat_normal;   // mirror normal of the clearcoat, on wo's side
+    float coat_cosine;  // cosine between wo and the clearcoat's shading normal
 #endif
 #ifdef HAS_SHEEN
-    vec3 sheen;           // colour; sampled with the diffuse lobe
-    float sheen_alpha;    // of Charlie's distribution
+    vec3 sheen;           // colour of sheen, which is sampled with the diffuse lobe
+    float sheen_alpha;    // alpha of Charlie's distribution
     mat2x4 sheen_albedo;  // logarithm of white sheen's albedo, a polynomial of the cosine's root
     vec4 sheen_lambda;    // b, c, d, e of Charlie's lambda
     float sheen_lambda_a;
@@ -62,7 +62,7 @@ struct Bsdf
     vec3 diffuse_through;  // diffuse transmittance of Lambert's base
 #endif
 #ifdef HAS_BECKMANN
-    bool is_beckmann;  // Beckmann's distribution instead of GGX's
+    bool is_beckmann;  // true for Beckmann's distribution instead of GGX's
 #endif
 #ifdef HAS_METAL_INDICES
     vec3 metal_n;     // refractive index of metal; 0: Schlick's formula
@@ -70,7 +70,7 @@ struct Bsdf
     vec3 metal_tint;  // factor of an untinted metal's reflectance
 #endif
 #ifdef HAS_FRESNEL
-    float ior;   // for Fresnel's equations
+    float ior;   // index of refraction for Fresnel's equations
     vec3 tint;   // factor of an untinted dielectric's reflectance
     int layering;  // LAYERING_GLTF, with Schlick's formula, or another
 #ifdef HAS_PLASTIC
@@ -144,7 +144,7 @@ float mean(vec3 v)
 }
 
 #ifdef HAS_MICROFACETS
-const float THIN_DIELECTRIC = -1.0;  // smooth and thin: light goes straight through
+const float THIN_DIELECTRIC = -1.0;  // code of a smooth and thin dielectric, through which light goes straight
 const float COAT_REFLECTS = 0.04;
 
 // Returns `plain`, mixed with the reflectance of a thin film by the fraction under one; weight: reflectance at grazing
@@ -273,8 +273,8 @@ float charlie_lambda(Bsdf b, float cosine)
     return exp(2.0 * charlie_exponent(b, 0.5) - charlie_exponent(b, max(1.0 - x, 1e-6)));
 }
 
-// Estevez & Kulla 2017: Charlie's distribution and visibility. At grazing angles with a small alpha they reflect more than all
-// light, so they are divided by the albedo, which only depends on the angle to the eye.
+// Value of sheen: Charlie's distribution and visibility (Estevez & Kulla 2017). At grazing angles with a small alpha their albedo
+// exceeds 1, so the value is divided by the albedo, which only depends on the angle to the eye.
 vec3 sheen_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     float o = max(dot(n, wo), 1e-4), i = max(dot(n, wi), 1e-4);
@@ -465,14 +465,14 @@ mat3 surface_axes(Bsdf b, vec3 n)
     return mat3(x, y, n);
 }
 
-// Fraction of the light that microfacets reflect or transmit which is reflected.
+// Ratio of the light that microfacets reflect to the light that they reflect or transmit.
 float reflected_part(Bsdf b, float cosine)
 {
     float reflected = mean(microfacet_reflects(b, cosine)), through = mean(glass_transmittance(b, cosine));
     return through > 0.0 ? reflected / max(reflected + through, 1e-9) : 1.0;
 }
 
-// wo and wi are in the surface's own axes. 0 for a mirror, which no light sample hits.
+// Value and density of microfacets; wo and wi are in the surface's own axes. Both are 0 for a mirror, which no light sample hits.
 Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
     if (max(b.alpha.x, b.alpha.y) < SMOOTH || wi.z <= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);

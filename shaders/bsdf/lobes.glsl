@@ -3,7 +3,7 @@
 // Needs:  path_vertex.glsl, light_sample.glsl; HAS_THIN_DIELECTRICS, HAS_VARYING_THIN_DIELECTRICS
 // Frame:  world.
 
-// Density that marks a direction which no light sample finds.
+// Density of a mirror direction, a mark for directions that light samples never hit.
 const float DELTA_LOBE = 1e18;
 
 // Probabilities of the lobes; the rest is the probability that the path ends.
@@ -14,7 +14,7 @@ struct Lobes
     float coat;
     float mirror;
 #ifdef HAS_DIFFUSE_TRANSMISSION
-    float through;  // the diffuse lobe on the other side
+    float through;  // importance of the diffuse lobe on the other side
 #endif
 };
 
@@ -120,10 +120,10 @@ vec3 light_through_diffuse(PathVertex v, Lobes q, DirectLight direct)
 struct BsdfSample
 {
     vec3 direction;
-    vec3 weight;    // including the lobe's probability
-    float pdf;  // per solid angle
-    bool through;   // true if it goes to the other side
-    bool straight;  // true if it passes a thin dielectric, which light samples see through
+    vec3 weight;    // weight of the direction, including the lobe's probability
+    float pdf;  // density of the direction per solid angle
+    bool through;   // true if the direction goes to the other side
+    bool straight;  // true if the direction passes a thin dielectric, which light samples see through
 };
 
 // Samples microfacets, clearcoat or a mirror. chosen: random number minus the diffuse lobe's probability.

@@ -10,15 +10,15 @@ uniform vec3 eye_up;
 uniform vec3 eye_forward;
 uniform float eye_ahead;   // distance of eye_position ahead of the eye; rays start in the plane there, because rays of a
                            // distant eye would lose digits of their hits; 0: at the eye
-uniform vec2 eye_focal;    // pixels per unit at distance 1; for parallel rays per scene unit
+uniform vec2 eye_focal;    // focal length: pixels per unit at distance 1, or pixels per scene unit for parallel rays
 uniform vec2 eye_centre;   // pixel position on eye_forward, minus the sub-pixel position
-uniform ivec2 eye_corner;  // of the window in the image, pixels
-uniform ivec2 eye_size;    // of the window, pixels
+uniform ivec2 eye_corner;  // lower left corner of the window in the image, pixels
+uniform ivec2 eye_size;    // size of the window, pixels
 
 #ifdef EYE_LENS
 uniform uvec2 lens_point;  // point of the path set, in units of 2^-32
 uniform uint lens_seed;    // seed of the pixels' shifts
-uniform vec2 lens;         // radius; 1 over the focus distance
+uniform vec2 lens;         // x: radius of the lens; y: 1 / focus distance
 
 // The pixel's point on the lens, scene units: that of the set, shifted, so that each pixel's points are as even as the
 // sequence. Source: Shirley & Chiu 1997, A Low Distortion Map Between Disk and Square.
@@ -36,7 +36,7 @@ vec2 lens_position(ivec2 pixel)
 #endif
 
 #ifdef EYE_PANORAMA
-uniform vec2 eye_angle;  // radians of a pixel, to the right and up
+uniform vec2 eye_angle;  // angle of a pixel to the right and up, radians
 #endif
 
 // Unit direction through the sub-pixel position of a pixel of the window, plus an offset in pixels.

@@ -2,7 +2,7 @@
 #include <SCENE>
 #include "camera/camera.glsl"
 
-uniform vec2 eye_range;  // near and far distance
+uniform vec2 eye_range;  // near and far distance of the eye's clip planes
 #ifdef HAS_ALPHA
 out vec3 world;
 #endif

@@ -1,12 +1,12 @@
 // start_points.glsl: points at which paths start, each as if on a white Lambertian surface lit from one side.
 // Needs:  <CONSTANTS>; START_SHADING: points have shading normals. For start_vertex: path_vertex.glsl
 // Frame:  world.
-TEXELS(rgba32f, start_positions);  // a: 0 without a point
-TEXELS(rgba32f, start_normals);    // unit, on the lit side
+TEXELS(rgba32f, start_positions);  // position; alpha is 0 for a pixel without a point
+TEXELS(rgba32f, start_normals);    // unit normal on the lit side
 #ifdef START_SHADING
-TEXELS(rgba32f, start_shading);    // unit
+TEXELS(rgba32f, start_shading);    // unit shading normal
 #endif
-uniform float start_extent;        // of the scene around the world's origin
+uniform float start_extent;        // radius of a ball around the world's origin that contains the scene
 
 // Minimum cosine for which a point's normal counts as that of its surface.
 const float SAME_NORMAL = 0.99999;

@@ -10,7 +10,7 @@
 #include "film/split_light.glsl"
 UINT_TEXELS(rgba32ui, sum_low);
 UINT_TEXELS(rgba32ui, sum_high);
-uniform float quanta;  // per unit of radiance
+uniform float quanta;  // number of quanta per unit of radiance
 
 #ifdef COMPUTE
 layout(rgba32ui) writeonly uniform uimage2D new_low;

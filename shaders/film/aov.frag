@@ -11,7 +11,7 @@
 #include "film/followed.glsl"
 #endif
 
-UINT_TEXELS(r32ui, eye_buffer);  // triangle + 1
+UINT_TEXELS(r32ui, eye_buffer);  // number of the triangle + 1
 
 // Returns false if the ray along d sees the sky.
 bool seen(ivec2 pixel, out vec3 d, out bool front, out Surface s)

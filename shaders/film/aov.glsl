@@ -17,9 +17,9 @@
 //   AOV_UV       uv_low  low words of u and v, in the format of AOV_POSITION
 //                uv_high high words, and number of hits
 //   AOV_NEAREST  nearest  minimum depth, stored as bits of infinity minus its bits, so that the maximum is kept; 0 for none
-uniform float position_quanta;  // per scene unit
-uniform float position_extent;  // maximum of a coordinate
-uniform float uv_quanta;     // per unit
+uniform float position_quanta;  // number of quanta per scene unit in sums of positions
+uniform float position_extent;  // maximum of an absolute coordinate and of a depth
+uniform float uv_quanta;     // number of quanta per unit in sums of texture coordinates
 uniform float uv_extent;
 
 UINT_TEXELS(rgba32ui, sum_first);

@@ -8,7 +8,7 @@
 #include "lights/sky.glsl"
 #include "lights/background.glsl"
 
-UINT_TEXELS(rg32ui, eye_buffer);  // primitive + 1, bits of t
+UINT_TEXELS(rg32ui, eye_buffer);  // number of the primitive + 1, and bits of t
 
 // Returns false if the ray along d sees the sky.
 bool seen(ivec2 pixel, out vec3 d, out bool front, out Surface s)

@@ -4,7 +4,7 @@
 // Frame:  world.
 // Source: Open Image Denoise, documentation, "Albedos" and "Normals": features along the path of a perfect mirror or
 //         dielectric.
-const int FOLLOWED = 6;  // maximum number of mirrors
+const int FOLLOWED = 6;  // maximum number of mirrors that are followed
 
 // Sets d to the direction that most of a surface's light comes from, and `share` to its fraction of it; returns false if there
 // is no such direction.

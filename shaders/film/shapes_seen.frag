@@ -6,7 +6,7 @@
 #include <SCENE>
 #include "scene/surface.glsl"
 
-UINT_TEXELS(EYE_FORMAT, eye_buffer);  // primitive + 1
+UINT_TEXELS(EYE_FORMAT, eye_buffer);  // number of the primitive + 1
 layout(location = 0) out uint shape;
 
 void main()

@@ -1,6 +1,6 @@
 // ground.glsl: hit of the eye's ray with the ground that catches shadows, if it hits no shape; `glpath.integrators.ground`.
 // Needs:  random.glsl; GROUND_LIGHTS; RAY_ROUNDING
-uniform vec4 ground;                        // unit normal, and distance along it
+uniform vec4 ground;                        // unit normal of the ground, and distance along it
 uniform vec3 ground_lights[GROUND_LIGHTS];  // directions, distributed by their irradiance on the ground
 
 // Sets the ray from the ground to the light, in one direction of the set; returns false if the eye's ray misses the ground.

@@ -2,14 +2,14 @@
 // Needs:  LAMP_RECTANGLES: their number
 // Frame:  world.
 #include "sampling/rectangle.glsl"
-uniform vec3 lamp_rectangles[3 * LAMP_RECTANGLES];  // a corner and two edges of each, whose cross product points out of the front
-uniform int lamp_triangles[LAMP_RECTANGLES];        // first of its two triangles
+uniform vec3 lamp_rectangles[3 * LAMP_RECTANGLES];  // a corner and two edges of each; the cross product of the edges points out of the front
+uniform int lamp_triangles[LAMP_RECTANGLES];        // index of the first of each rectangle's two triangles
 
 // Distance from a lamp's plane, as a fraction of coordinates, within which rounding hides the side of a position.
 const float IN_PLANE = 1e-5;
 
-// The lamp of a triangle, seen from a position. The solid angle is 0 if its points are sampled uniformly by area: it is not a
-// rectangular lamp, appears too small, or the position may be in its plane.
+// Returns the rectangular lamp of a triangle, seen from a position. The solid angle is 0 if points are sampled uniformly by area
+// instead, because the lamp is not rectangular, appears too small, or its plane may contain the position.
 SeenRectangle seen_lamp(int triangle, bool front, vec3 from)
 {
     int lamp = -1;

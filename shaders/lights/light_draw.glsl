@@ -5,12 +5,12 @@
 // Frame:  world.
 #include <LIGHT_DRAWS>
 #ifdef PARTS
-uniform uvec4 light_parts[PARTS];  // first of its numbers and their count; first and last piece
+uniform uvec4 light_parts[PARTS];  // for each part of the lights: first number, count of numbers, first piece and last piece
 #endif
 #ifdef HAS_ENVIRONMENT
 uniform int sky_halves;            // number of half rows of the map
 #ifdef HAS_SUN
-uniform float sun_share;           // fraction of the sky's light
+uniform float sun_share;           // fraction of the sky's light that the sun has
 #endif
 #endif
 
@@ -42,8 +42,8 @@ uint half_begins(int half_row) { return sky_half_texel(half_row, SKY_HALF_CHOICE
 
 uint texel_begins(int at) { return sky_column_texel(at >> 2, SKY_COLUMN_CHOICES)[at & 3]; }
 
-// Draws a direction of the map, whose density is its radiance over `weight`, like `Environment.directions`. There the tent's
-// angle from up includes the sine, which here is in the weight.
+// Draws a direction of the map, like `Environment.directions`. The density is the direction's radiance divided by `weight`. The
+// weight contains the sine of the angle from up, which `Environment.directions` includes in its tents.
 vec3 map_drawn(vec3 u, out float weight)
 {
     uint number = uint(u.x * 16777216.0) << 8u;

@@ -57,24 +57,24 @@ const float ROUNDING = 1e-5;
 struct LightSample
 {
     vec3 position;
-    vec3 normal;     // of the emitting side, or a spot's axis, or the direction of parallel light
-    vec3 radiance;   // intensity of a punctual light
+    vec3 normal;     // normal of the emitting side, axis of a spot, or direction of parallel light
+    vec3 radiance;   // radiance, or intensity of a punctual light
     float pdf;
-    uint kind;       // LIGHT_AREA ...
-    vec2 cone;       // see punctual.glsl
+    uint kind;       // kind of light, LIGHT_AREA or another
+    vec2 cone;       // cone of a spot, see punctual.glsl
     bool quadratic;
 #ifdef HAS_PROFILES
-    int profile;     // index, -1 for none
+    int profile;     // index of the photometric profile, -1 for none
 #endif
 };
 
 struct DirectLight
 {
-    vec3 wi;         // unit, towards the light
-    vec3 light;      // radiance of a white Lambertian surface lit by it, over the sample's density
-    float distance;  // to the light
-    bool distant;    // true if infinitely far
-    float pdf;   // per solid angle; 0 for a punctual light
+    vec3 wi;         // unit direction towards the light
+    vec3 light;      // radiance of a white Lambertian surface lit by the light, divided by the sample's density
+    float distance;  // distance to the light
+    bool distant;    // true if the light is infinitely far
+    float pdf;   // density per solid angle; 0 for a punctual light
 };
 
 // `normal` is on the lit side; views: see mis_weight_light.

@@ -2,14 +2,14 @@
 // The light samples are those of the path-buffer (`glpath.lighting`), so the engines use the same lights in a set.
 // Needs:  <CONSTANTS>; LIGHT_SAMPLES: their number
 // Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle for the sky.
-uniform vec3 sample_position[LIGHT_SAMPLES];   // for the sky the unit direction towards it
-uniform vec4 sample_normal[LIGHT_SAMPLES];     // on the emitting side; w: 1 for the sky
-uniform vec3 sample_radiance[LIGHT_SAMPLES];   // divided by pi, density and number of samples
+uniform vec3 sample_position[LIGHT_SAMPLES];   // position of each light sample; for the sky, the unit direction towards it
+uniform vec4 sample_normal[LIGHT_SAMPLES];     // unit normal of the emitting side; w: 1 for the sky
+uniform vec3 sample_radiance[LIGHT_SAMPLES];   // radiance divided by pi, by the density and by the number of samples
 
 struct Incident
 {
     vec3 wi;
-    float distance;  // to the light sample, infinite for the sky
+    float distance;  // distance to the light sample, infinite for the sky
     vec3 E;          // irradiance over pi; 0 if the light faces away
 };
 

@@ -1,9 +1,9 @@
 // light_tree.glsl: chooses a light for a position, by a BVH over lights with a position; `glpath.lights.tree` is the same on
-// the CPU, and describes its nodes.
+// the CPU, and describes the nodes.
 // Needs:  <LIGHT_DRAWS>, from light_draw.glsl; constants.glsl
 // Frame:  world.
 
-// Cosine of the difference of two angles, clamped to an angle of 0 if the second is larger; sine: of the same angle.
+// Cosine of the difference of two angles a - b, or of 0 if b is larger; sine: sine of that difference.
 float cosine_less(float cos_a, float sin_a, float cos_b, float sin_b, out float sine)
 {
     bool less = cos_a >= cos_b;
@@ -44,7 +44,7 @@ vec2 light_importances(int node, vec3 position, vec3 normal, out ivec2 children)
                 light_importance(light_node_texel(node, LIGHT_NODE_RIGHT_BALL), right, position, normal));
 }
 
-// Number of levels that the bits of a random number suffice for; then a new number is drawn.
+// Number of tree levels for which the bits of one random number suffice. After these levels a new number is drawn.
 const int LEVELS_OF_A_NUMBER = 12;
 
 // The loops below repeat the condition of their start. After a lane has left a loop, llvmpipe (22.3) still changes values that

@@ -7,7 +7,7 @@
 // radiance. They find small suns and light from other directions, and make the mean unbiased.
 const float PORTAL_SHARE = 0.75;
 
-uniform vec3 portals[3 * PORTALS];  // a corner and two edges of each, whose cross product points inwards
+uniform vec3 portals[3 * PORTALS];  // a corner and two edges of each portal; the edges' cross product points inwards
 uniform float sky_chance;           // probability that a light sample is of the sky
 
 SeenRectangle seen_portal(int k, vec3 from)
@@ -29,7 +29,7 @@ float sky_pdf(vec3 from, vec3 direction)
     return all_around > 0.0 ? mix(whole, sky_chance * through / all_around, PORTAL_SHARE) : whole;
 }
 
-// Draws a direction through one of the portals, chosen by solid angle; number: uniform. Returns false from behind all of them.
+// Draws a direction through one of the portals, chosen by solid angle; number: uniform. Returns false behind all portals.
 bool portal_drawn(vec3 from, float number, vec2 u, out vec3 wi)
 {
     float all_around = 0.0;

@@ -5,12 +5,12 @@
 #include "sampling/angles.glsl"
 #ifdef HAS_ENVIRONMENT
 uniform ivec2 sky_size;
-uniform vec3 sky_middle;  // unit, to the middle of the map
+uniform vec3 sky_middle;  // unit direction to the middle of the map
 uniform vec3 sky_up;
 uniform int sky_rows_above;  // number of rows above the horizon if the map's rows are not blended there; otherwise 0
 #ifdef HAS_SUN
-uniform vec3 sun_direction;  // unit
-uniform float sun_square_chord;  // squared chord from its middle to the rim, on the unit sphere
+uniform vec3 sun_direction;  // unit direction to the sun
+uniform float sun_square_chord;  // squared chord from the middle of the sun to its rim, on the unit sphere
 uniform vec3 sun_radiance;
 
 vec3 sun(vec3 direction)

@@ -1,6 +1,6 @@
 // direction_code.glsl: encodes the direction in which a path continues in the w of its position.
-// It is 0 for a path that has ended. Otherwise its magnitude is the cosine to the surface that it leaves, in (0, 1], plus two
-// for each view before its own. It is negative for a path against the view's direction.
+// The code is 0 for a path that has ended. Otherwise its magnitude is the cosine between direction and surface, in (0, 1], plus 2
+// times the index of the path's view. The code is negative if the path runs against the view's direction.
 float pack_direction(int view, float cosine)
 {
     return cosine < 0.0 ? cosine - 2.0 * float(view) : cosine + 2.0 * float(view);

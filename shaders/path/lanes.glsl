@@ -1,15 +1,16 @@
 // lanes.glsl: maps a fragment to the pixel whose path it traces, and to the pixels that share its random numbers.
-// Needs:  LANE_STRIDE: distance of these pixels; LANES: their number, across and up; image_window. Without LANE_STRIDE no
+// Needs:  LANE_STRIDE: distance between pixels that share numbers; LANES: number of such pixels, across and up; image_window. Without LANE_STRIDE no
 //         pixels share numbers
 //
-// A processor runs as many fragments as its vectors have lanes, and all wait for the slowest. With the same random numbers
-// their paths are similar: the same lobe, the same light, the same length. If they were neighbours, a denoiser would take their
-// correlated noise for image content. They are therefore pixels apart, and neighbours are independent.
+// A processor runs as many fragments at once as its vectors have lanes, and all lanes wait for the slowest. With the same random
+// numbers, their paths are similar in lobe, light and length. A denoiser would take the correlated noise of neighbouring pixels
+// for image content. The fragments of a vector are therefore pixels apart, and neighbours are independent.
 #ifdef LANE_STRIDE
 const ivec2 LANE_TILE = LANES * LANE_STRIDE;
 #endif
 
-// The pixel is within the window. At its ends, without room for a whole tile of lanes, it is the fragment's own.
+// Returns the pixel of a fragment, inside the window. At the window's ends, without room for a whole tile of lanes, it is the
+// pixel of the fragment itself.
 ivec2 pixel_of_fragment(ivec2 fragment, ivec2 window_size)
 {
 #ifdef LANE_STRIDE

@@ -18,15 +18,15 @@ uniform bool first_bounce;  // true if only one surface has reflected the light 
 
 struct Arrival
 {
-    int triangle;     // < 0: the path has no further vertex
+    int triangle;     // index of the triangle; below 0 if the path has no further vertex
     vec3 position;
-    vec4 plane;       // of the triangle
+    vec4 plane;       // plane of the triangle
     Surface surface;
     bool front;       // true if the path arrives on its front
     float t;          // distance from the previous vertex
-    vec3 wo;          // back along the path
-    vec3 throughput;  // without the reflection here
-    vec4 radiance;    // sum so far; a: see accumulate.glsl
+    vec3 wo;          // unit direction back along the path
+    vec3 throughput;  // throughput without the reflection at this vertex
+    vec4 radiance;    // radiance summed so far; a: see accumulate.glsl
 };
 
 Arrival arrive(ivec2 pixel)
@@ -41,7 +41,7 @@ Arrival arrive(ivec2 pixel)
     if (a.triangle != PATH_DEAD) a.radiance.a += scan_events(a.triangle);
 #ifdef HAS_SKY
     if (a.triangle == PATH_MISSED) {
-        // Weighted against the light sample of the previous vertex, as emission is.
+        // The sky is weighted against the light sample of the previous vertex, as emission is.
         float direction_code = texel(path_position, pixel).w;
         float escaped = direction_pdf(coded_cosine(direction_code), path_views);
         vec3 seen = path_d[coded_view(direction_code)] * sign(direction_code);

@@ -51,8 +51,8 @@ LightSample light_of(PathId at, int part, vec3 from, out float share)
 #endif
 
 #ifdef LIGHT_TREE
-// Reservoir sampling: returns true if a sample replaces the previous ones. In the end each is chosen with the probability of
-// its weight among all. number: uniform, and so is its remainder.
+// Reservoir sampling: returns true if a sample replaces the previous samples. In the end, each sample is chosen with a
+// probability proportional to its weight. number: uniform in [0, 1); the returned remainder is uniform, too.
 bool is_taken(float weight, inout float sum, inout float number)
 {
     sum += weight;
@@ -63,8 +63,8 @@ bool is_taken(float weight, inout float sum, inout float number)
 }
 
 // Direct light without a test for shadows; views: see mis_weight_light.
-// A path chooses one of several samples by their light [Talbot 2005]: those of the tree, at even distances in the number that
-// chooses a light, and one of each part of the other lights.
+// A path chooses one of several samples in proportion to their light [Talbot 2005]. The samples are some of the tree, for evenly
+// spaced numbers that choose a light, and one of each part of the other lights.
 DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out LightSample light_sample)
 {
     uvec3 point = light_point(at);

@@ -1,7 +1,7 @@
 // path_gather.frag: end of a path at the radiosity solution [PB 4, A.4]: the irradiance of the found surface is looked up and
 // reflected. Direct light comes from the light sample, except for a fraction that the solution includes. Emission came from the
 // previous vertex's light sample, or was found with the surface.
-// A path continues instead if it ended so near to its start that the element's width would be visible.
+// A path continues instead if its last segment is so short that the width of the solution's element would be visible.
 // Runs over: the pixels of the window. Output: see path_state.glsl
 #include <CONSTANTS>
 #include <SCENE>
@@ -19,7 +19,7 @@
 #endif
 #include "path/path_state.glsl"
 
-uniform float lookup_distance;  // in minimum distances of the element; a path continues below a random fraction of it
+uniform float lookup_distance;  // maximum distance at which a path continues, in the element's minimum distances, before a random factor
 
 void main()
 {

@@ -16,7 +16,7 @@
 #include "bsdf/cosine.glsl"
 #ifdef HAS_THIN_DIELECTRICS
 #include "bsdf/lobes.glsl"
-const int MAX_THIN_DIELECTRICS = 8;  // maximum number in succession
+const int MAX_THIN_DIELECTRICS = 8;  // maximum number of thin dielectrics in succession
 #endif
 #include <GUIDE_POINTS_STORE>
 

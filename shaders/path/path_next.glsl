@@ -1,14 +1,14 @@
 // path_next.glsl: direct light at a vertex, and the shared direction in which its path continues [PB A.3, table 6].
 // Needs:  <SCENE>, path_vertex.glsl, direct.glsl, random.glsl, direction_code.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
-uniform vec3 next_directions[VIEWS];  // shared by all paths [PB 3.1]
+uniform vec3 next_directions[VIEWS];  // next directions, shared by all paths [PB 3.1]
 uniform int next_views;         // number of directions that a path can choose from
-uniform bool roulette;          // probabilistic termination (Arvo & Kirk 1990)
+uniform bool roulette;          // true if paths end by Russian roulette (Arvo & Kirk 1990)
 uniform float cosine_roulette;  // see below
 
 #ifdef HAS_DISTANT_LIGHTS
-// Light from infinitely far that this vertex reflects unless a scan along its direction hits something. w of the start is as in
-// direction_code.glsl, 0 without such light.
+// Light from infinitely far that this vertex reflects if a scan along the light's direction hits nothing. pending_start.w is the
+// code of direction_code.glsl, or 0 without such light.
 vec4 pending_start = vec4(0.0);
 vec3 pending_light = vec3(0.0);
 #endif
@@ -19,7 +19,7 @@ vec3 last_lit;  // light of the light sample at this vertex
 
 struct PathState
 {
-    vec4 position;  // w: see direction_code.glsl
+    vec4 position;  // position of the next vertex's start; w: see direction_code.glsl
     vec3 beta;      // throughput, including the next reflection
     vec3 radiance;
 };

@@ -1,8 +1,8 @@
 // path_numbers.glsl: random numbers of a path's vertices.
 // Needs:  BRANCHES of a path; BOUNCES: number of bounces whose directions come from the sequence; START_POINTS; random.glsl
 //
-// The set has a sequence point for each bounce. A path shifts it by its own numbers, the same in every set. The points of each
-// pixel are thus as even as the sequence, and those of two pixels are independent.
+// A path set has a sequence point for each bounce. Each path shifts this point by its own numbers, which are the same in every
+// set. The points of a pixel are thus as even as the sequence, and the points of two pixels are independent.
 uniform uint path_seed;              // seed of the paths' shifts
 uniform uvec2 direction_points[BRANCHES * BOUNCES];
 uniform uint choice_points[BRANCHES * BOUNCES];
@@ -17,7 +17,7 @@ float unit(uint bits)
 struct PathId
 {
     uint path;
-    int depth;   // number of the vertex
+    int depth;   // index of the vertex
     int branch;
 };
 

@@ -6,7 +6,7 @@
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-uniform ivec4 area;  // x, y, width, height
+uniform ivec4 area;  // x, y, width and height of the area
 
 void main()
 {

@@ -43,7 +43,7 @@ int scattered = 0;  // number of surfaces that the path has left, except thin di
 #endif
 #ifdef GATHER
 uniform int lookup_depth;       // index of the vertex at which the solution is looked up
-uniform float lookup_distance;  // in minimum distances of the element; a path continues below a random fraction of it
+uniform float lookup_distance;  // maximum distance at which a path continues, in the element's minimum distances, before a random factor
 #endif
 #if defined(GATHER) || defined(CONTROL_VARIATE)
 const int MIRRORS = 1024;       // maximum number of vertices of a path through glass and mirrors; roulette ends it long before
@@ -51,16 +51,16 @@ const int MIRRORS = 1024;       // maximum number of vertices of a path through 
 
 #ifdef CONTROL_VARIATE
 uniform int lookup_depth;         // diffuse bounces before the first vertex at which the solution may replace the path
-uniform float correction_number;  // of the set; decides which paths continue there
-const float FIRST_CHANCE = 0.5;   // probability that a path continues
-const float LATER_CHANCE = 4.0;   // the same at later vertices, for a throughput of one
+uniform float correction_number;  // radical inverse of the path set's index; decides which paths continue there
+const float FIRST_CHANCE = 0.5;   // probability that a path continues at that vertex
+const float LATER_CHANCE = 4.0;   // factor on the throughput for that probability at later vertices, at most 1
 #endif
 
 UINT_TEXELS(r32ui, eye_buffer);
 uniform ivec2 window_size;
 uniform int max_depth;               // maximum number of vertices of a path
 uniform int cut_depth;               // index of the vertex at which a path that roulette has not ended is cut and counted
-uniform int roulette_depth;          // from this vertex on, Russian roulette ends paths (Arvo & Kirk 1990)
+uniform int roulette_depth;          // vertex from which on Russian roulette ends paths (Arvo & Kirk 1990)
 #ifdef HAS_GROUND
 #include "lights/ground.glsl"
 #endif
@@ -78,26 +78,26 @@ vec3 reflected_behind;  // weight of light samples on the other side of a vertex
 struct RayPath
 {
     PathId at;
-    vec3 origin;      // start of its ray
+    vec3 origin;      // start of the path's current ray
     vec3 direction;
-    int triangle;     // triangle that the ray hits, -1 for none
+    int triangle;     // triangle that this ray hits, -1 for none
     vec3 L;           // radiance accumulated so far
     vec3 beta;        // throughput
-    float pdf;        // density of the direction, per solid angle
-    float reached;    // distance along the ray from the vertex of the light samples; see `passed`
+    float pdf;        // density of the ray's direction, per solid angle
+    float reached;    // distance of the hit from the vertex of the last light samples; see `passed`
 #ifdef LIT_FROM
     vec3 lit_from;    // position of that vertex
-    vec3 lit_normal;  // its normal on the side of the ray
+    vec3 lit_normal;  // normal of that vertex on the side of the ray
 #endif
-    float rays;       // number of rays cast
-    int vertices;     // maximum number of vertices
+    float rays;       // number of rays cast so far
+    int vertices;     // maximum number of vertices of this path
     bool continues;
 #ifdef GUIDED
     float guiding_weight;  // factor of the path's weight due to guides
 #endif
 #ifdef CONTROL_VARIATE
-    int corrections;        // number of vertices at which it continued although the solution was looked up
-    float weight;           // weight of light that leaves its vertex by the diffuse lobe
+    int corrections;        // number of vertices at which the path continued although the solution was looked up
+    float weight;           // weight of light that leaves the vertex by the diffuse lobe
     float emission_weight;  // weight of the next vertex's emission for that lobe, because the solution may include direct light
     float emission;         // weight of emission for the current ray
 #endif
@@ -106,7 +106,7 @@ struct RayPath
     int bounces;       // number of diffuse bounces; mirrors and glass do not count for a gather
     bool was_diffuse;  // true if the last bounce was diffuse
 #if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
-    bool straight;     // true if it only passed thin dielectrics since the eye
+    bool straight;     // true if the path only passed thin dielectrics since the eye
 #endif
     vec3 inside;       // attenuation of the medium that the path is in
 #endif
@@ -118,9 +118,9 @@ struct ScatterVertex
     PathVertex v;
     float t;         // distance from the previous vertex, or from the last thin dielectric
     float pdf_area;  // density of light samples at this point, if it is on a lamp
-    vec3 start;      // start of its rays, off the surface
-    float rounding;  // distance of start from the surface
-    int guide;       // index of its guide
+    vec3 start;      // start of rays from the vertex, off the surface
+    float rounding;  // distance of `start` from the surface
+    int guide;       // index of the vertex's guide
 #ifdef HAS_LOBES
     Lobes lobes;
 #endif
@@ -334,7 +334,7 @@ void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
     if (bounces < lookup_depth) return;
     float chance, number;
     if (path.corrections == 0) {
-        // Successive sets of a pixel alternate.
+        // The path continues in one of two successive sets (2k and 2k + 1), because correction_number differs by 1/2.
         chance = FIRST_CHANCE;
         number = fract(correction_number + unit(pcg(path.at.path + pcg(path_seed + 8191u + uint(path.at.branch)))));
     } else {
@@ -345,7 +345,7 @@ void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
     vec4 found = irradiance_at(in_lattice, s.v.front);
     vec3 solution = path.beta * diffuse_reflectance(s.v.bsdf, dot(s.v.n, s.v.wo)) * found.rgb / PI;
 #ifdef HAS_DIFFUSE_TRANSMISSION
-    // On both sides the same fraction of it is direct light.
+    // The fraction of direct light is the same on both sides.
     solution += path.beta * diffuse_transmittance(s.v.bsdf, dot(s.v.n, s.v.wo)) * irradiance_at(in_lattice, !s.v.front).rgb / PI;
 #endif
     if (path.continues) {

@@ -21,10 +21,10 @@ struct PathVertex
 {
     Surface surface;
     int triangle;
-    vec4 plane;    // of the triangle
+    vec4 plane;    // plane of the triangle
     bool front;    // true if its front is visible, along -wo
-    vec3 wo;       // back along the path
-    vec3 normal;   // geometric, on the visible side
+    vec3 wo;       // unit direction back along the path
+    vec3 normal;   // geometric normal on the visible side
     vec3 n;        // shading normal
     float vertex_cosine;
     Bsdf bsdf;

@@ -10,7 +10,7 @@ uniform vec3 path_d[VIEWS];
 uniform vec3 scene_centre;
 uniform float scene_diameter;
 uniform vec2 view_cells;
-uniform vec2 cell_jitter;       // in [0, 1): offset of the grid, new for each scan
+uniform vec2 cell_jitter;       // offset of the grid in cells, in [0, 1), new for each scan
 TEXELS(rgba32f, path_bounds);  // for each view: minimum u, v and minimum -u, -v of its live paths
 
 struct PathView

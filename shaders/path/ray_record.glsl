@@ -19,7 +19,7 @@ uint permute(uint x)
     return x ^ (x >> 10u);
 }
 
-// A path's number runs along its row. The float division is exact below 2^20, and integer division is slow on llvmpipe.
+// Paths are numbered row by row. The float division is exact below 2^20, and integer division is slow on llvmpipe.
 uniform int path_columns;
 
 uint path_number(ivec2 path)

@@ -1,9 +1,10 @@
 // scan_word.glsl: a float that holds the distance of a hit and, in its ID_BITS lowest bits, the triangle's number. Such floats
-// are ordered like their bits, so the minimum is the nearest.
+// are ordered like their bits, so the minimum is the nearest hit.
 // Needs:  ID_BITS, DEPTH_LEVELS; NOTHING_FOUND, which is above all of them
-// The level of a distance t, in scene diameters, is linear in the bits of t + DEPTH_BASE, a piecewise logarithm. Levels are
-// finest near the path's start, and up to 7/16 of the diameter not coarser than even ones. (Even levels of 14 bits are 6e-5
-// apart; these 1.6e-5 at the start, 3.2e-5 from 1/16 of the diameter on, 6.3e-5 from 3/16 on.)
+// A distance t, in scene diameters, is quantised to one of DEPTH_LEVELS levels. The level is linear in the bits of
+// t + DEPTH_BASE, a piecewise logarithm. Steps between levels are smallest near the path's start, and up to 7/16 of the diameter
+// they are at most as large as equal steps. (Equal steps of 14 bits are 6e-5. These are 1.6e-5 at the start, 3.2e-5 from 1/16 of
+// the diameter on, and 6.3e-5 from 3/16 on.)
 #include <CONSTANTS>
 
 const int DEPTH_BASE_BITS = floatBitsToInt(DEPTH_BASE);

@@ -12,7 +12,7 @@ layout(local_size_x = 64) in;
 
 layout(std430, binding = 0) buffer Command { uint count; };
 layout(std430, binding = 1) writeonly buffer Listed { uint listed[]; };
-layout(std430, binding = 2) buffer Words { uint words[]; };  // four for each cell, see scan_merge.frag
+layout(std430, binding = 2) buffer Words { uint words[]; };  // four words for each cell, see scan_merge.frag
 uniform int path_views;
 uniform int cell_columns;
 uniform int listed_of;  // number of triangles

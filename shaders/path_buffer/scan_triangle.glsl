@@ -9,7 +9,7 @@ uniform int chunk_first;  // index of the chunk's first triangle; its triangles 
 
 struct ScanTriangle
 {
-    vec2 a, b, c;      // cells of the view, counterclockwise
+    vec2 a, b, c;      // corners in cells of the view, counterclockwise
     vec3 depth_plane;  // slope per cell in x and y, depth at corner a
     uint number;
     uint see_through;  // 0 if opaque everywhere; otherwise 1, or 2 if corners b and c are exchanged

@@ -4,7 +4,7 @@
 // Source: McTaggart 2004, Half-Life 2 / Valve Source Shading: ambient cubes.
 #include <IRRADIANCE_VOLUME>
 uniform vec3 volume_lower;
-uniform float volume_cell;  // side, scene units
+uniform float volume_cell;  // side of a cell, scene units
 uniform ivec3 volume_size;
 
 // normal: unit normal that points out of the side that is looked up.

@@ -8,8 +8,8 @@
 // Position of a point in its triangle's lattice.
 struct LatticePosition
 {
-    int element;  // number in the tables
-    bool upper;   // the element is the upper one of its cell
+    int element;  // index of the element in the tables
+    bool upper;   // true if the element is the upper one of its cell
     vec2 f;       // position in the cell, 0 to 1
 };
 

@@ -1,4 +1,4 @@
-// directions.glsl: axes and inverses of ray directions.
+// directions.glsl: axes perpendicular to a direction, and the inverse of a ray direction for slab tests.
 
 // Sets two axes perpendicular to a unit direction. Source: Duff et al. 2017, Building an Orthonormal Basis, Revisited.
 void axes_across(vec3 d, out vec3 x, out vec3 y)

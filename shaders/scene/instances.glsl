@@ -7,7 +7,7 @@ struct Placing
 {
     int first;  // a hit's number minus that of the mesh's triangle
     int shape;  // -1 for the triangle's own shape
-    vec4 x;     // rows of the map
+    vec4 x;     // first row of the map; y and z are the other rows
     vec4 y;
     vec4 z;
 };

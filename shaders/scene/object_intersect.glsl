@@ -93,7 +93,7 @@ TriangleFrom triangle_from(vec3 origin, vec3 corner0, vec3 corner1, vec3 corner2
     return TriangleFrom(a, b, c, vec4(normal, offset));
 }
 
-// Returns the weights of the corners at the ray, not divided by their sum; all have one sign if it passes inside. Each corner
+// Returns the weights of the corners at the ray, not divided by their sum. All have one sign if the ray passes inside. Each corner
 // is projected separately, so triangles that share it use the same projection. The difference of two products is 0 or has the
 // correct sign, so no ray slips through between triangles.
 // Source: Woop, Benthin & Wald 2013, Watertight Ray/Triangle Intersection, with a rotation instead of the shear. Zeros count as

@@ -1,8 +1,8 @@
 // opacity.glsl: tests if light passes through a surface at a ray's hit. A mask lets light through if its opacity is below the
 // cutoff. Blended surfaces are hit at random with the probability of their opacity, so that surfaces behind them need no order
 // (Enderton et al. 2010, Stochastic Transparency). All of this is for scenes with opacity (HAS_ALPHA).
-// Culled backs (`Material.culled`) let all rays through that travel as rays of an eye do. Light sees them as the eye does, so
-// surfaces behind such a back are lit through it.
+// Culled backs (`Material.culled`) let through all rays that hit the back in the direction from the eye to the light. Light is
+// tested in this direction, too, so surfaces behind such a back are lit through it.
 // Needs:  <SCENE>; HAS_TEXTURES, HAS_VERTEX_COLOURS, HAS_CULLING
 #include "sampling/random.glsl"
 #include "scene/instances.glsl"
@@ -40,7 +40,7 @@ float opacity_chance(uint number)
     return float((x ^ pcg(key)) >> 8u) * (1.0 / 16777216.0);
 }
 
-// alpha: of the texture and vertices; number: key of the surface, such as its triangle's number.
+// alpha: alpha of the texture and vertices; number: key of the surface, such as the triangle's number.
 // front: true if a ray that travels as rays of an eye hits the front.
 bool alpha_lets_through(int material, float alpha, uint number, bool front)
 {

@@ -24,7 +24,7 @@ struct Ray
     vec3 start;    // distance along the ray to the origin of the boxes' steps, by axis
     vec3 inverse;  // inverse of the direction in steps
     uint order;    // bit position of the octant's order in a word
-    bool second;   // true if it is in the second word
+    bool second;   // true if the order is in the second word
 #ifdef HAS_INSTANCES
     int first;     // a hit's number minus that of an item's triangle
     vec3 world_origin;

@@ -16,7 +16,7 @@ UINT_TEXELS(EYE_FORMAT, seen_buffer);
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
-uniform ivec4 area;  // x, y, width, height
+uniform ivec4 area;  // x, y, width and height of the area
 uniform int chunk_first;
 uniform int chunk_count;
 uniform int chunk_shape;

@@ -24,8 +24,8 @@
 struct Surface
 {
     vec3 position;
-    vec3 normal;   // geometric, unit, on the front side
-    vec3 smooth_normal;  // unit, on the same side; of the vertices if the mesh has normals, changed by a normal map
+    vec3 normal;   // geometric unit normal on the front side
+    vec3 smooth_normal;  // shading normal, unit, on the same side: vertex normals if the mesh has them, changed by a normal map
 #ifdef HAS_NORMAL_MAPS
     vec3 vertex_normal;  // smooth normal without the normal map
 #endif
@@ -38,11 +38,11 @@ struct Surface
     vec3 along_u;  // unit, in the triangle's plane, towards growing u; along_v: perpendicular, towards growing v; 0 if uv is constant
     vec3 along_v;
 #endif
-    vec4 colour;   // of the vertices, linear Rec. 709 and alpha
-    int triangle;  // index; -1 for other primitives
+    vec4 colour;   // colour of the vertices, linear Rec. 709, and alpha
+    int triangle;  // index of the triangle; -1 for other primitives
     int shape;
     int material;
-    bool emits_back;  // if it emits at all
+    bool emits_back;  // true if the back emits, too, provided that the surface emits at all
 };
 
 // Returns true if a ray along `direction` hits the front.
@@ -84,7 +84,7 @@ Surface surface_of_shape(int shape, vec3 position, vec3 normal)
 
 #ifdef HAS_NORMAL_MAPS
 // Returns the normal of a normal map around the smooth normal `n` [glTF 2.0, 3.9.3]. along_u, along_v: vectors on the surface,
-// of any length, along which only u or only v of the slot grows. If they are mirrored, so is the map.
+// of any length, along which only u or only v of the slot grows. Mirrored vectors mirror the map.
 vec3 mapped_normal(Surface s, vec3 n, int slot, vec3 along_u, vec3 along_v)
 {
     vec3 t = along_u - dot(along_u, n) * n;
@@ -206,9 +206,9 @@ float vertex_cosine(Surface s, bool front, vec3 wo)
     return dot(facing_normal(n, wo), front ? s.normal : -s.normal);
 }
 
-// Ratio of the light from wi received with shading normal n to that received with the geometric normal, which faces wi. A
-// coarse mesh loses light from between the planes of vertices and triangle; of uniform light (1 + vertex_cosine) / 2 is left.
-// The ratio is divided by that, so that a white furnace stays flat for any mesh. Normal maps are not compensated, because their
+// Ratio of the light that a surface receives from wi with shading normal n to the light with the geometric normal, which faces
+// wi. A coarse mesh loses light from directions between the planes of vertices and triangle. The fraction
+// (1 + vertex_cosine) / 2 of uniform light is left, and the ratio is divided by it, so that a white furnace stays flat. Normal maps are not compensated, because their
 // bumps do shade each other, and glTF weights light only by the cosine.
 float shading_cosine(vec3 n, vec3 normal, float vertex_cosine, vec3 wi)
 {

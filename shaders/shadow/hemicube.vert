@@ -11,12 +11,12 @@ out vec3 world;
 #endif
 uniform vec2 light_range;  // near and far distance along a face's axis
 #ifdef STREAMED_CHUNK
-uniform int cube_face;  // a chunk is drawn on a few faces only
+uniform int cube_face;  // index of the cube's face, because a chunk is drawn on a few faces only
 #else
 #define cube_face gl_InstanceID
 #endif
 #ifdef FULL_CUBE
-uniform bool light_one_sided;  // true if it emits to the side of light_normal only
+uniform bool light_one_sided;  // true if the light emits only to the side of light_normal
 #endif
 
 void main()

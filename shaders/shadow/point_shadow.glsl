@@ -11,8 +11,8 @@
 #include "shadow/point_shadow_map.glsl"
 #include <SCENE>
 
-UINT_TEXELS(rgba32ui, shadow_buffer);  // bits of the plane; number of the primitive + 1, 0 for none
-TEXELS(rgba32f, shadow_lights);  // position of each light, a texel for each tile
+UINT_TEXELS(rgba32ui, shadow_buffer);  // bits of the plane; number of the primitive + 1, 0 for an empty cell
+TEXELS(rgba32f, shadow_lights);  // position of each light, in one texel for each tile
 uniform int shadow_tiles_across;
 
 // Rounding error of a point, as a fraction of its coordinates and the light's.

@@ -7,13 +7,13 @@
 
 uniform usampler2D rectangles;  // first column | row << 16, last column | row << 16, primitive, face
 uniform vec3 light_position;
-uniform ivec2 tile_corner;      // in the texture of all lights
+uniform ivec2 tile_corner;      // lower corner of the tile in the texture of all lights
 uniform ivec2 tile_faces;       // columns and rows of faces in a tile
 uniform ivec2 tile_size;
 uniform vec2 shadow_cells;
 uniform bool as_points;
 
-flat out ivec4 own_cells;  // first and last cell of the face
+flat out ivec4 own_cells;  // first and last cell of the rectangle on its face
 flat out ivec2 face_corner;
 flat out int face;
 flat out uint primitive;

@@ -16,7 +16,7 @@ uniform vec2 shadow_cells;  // columns and rows of a face
 struct ShadowPosition
 {
     int face;
-    vec2 at;  // in cells
+    vec2 at;  // position on the face, in cells
 };
 
 #ifdef SHADOW_CUBE
@@ -45,8 +45,8 @@ ShadowPosition shadow_position(vec3 d)
     return ShadowPosition(face, (0.5 + vec2(arc_tangent(slope.x), arc_tangent(slope.y)) * (2.0 / PI)) * shadow_cells);
 }
 
-// Returns a direction of any length. A position (less than half a face) beyond the edge of its face belongs to the neighbour's
-// cells.
+// Returns the direction through a position on a face, not normalised. A position beyond the face's edge, by less than half a
+// face, gives a direction into the neighbouring face's cells.
 vec3 shadow_direction(int face, vec2 at)
 {
     vec2 right_angles = at / shadow_cells - 0.5;
@@ -61,7 +61,8 @@ ShadowPosition shadow_position(vec3 d)
     return ShadowPosition(0, at);
 }
 
-// Returns a unit direction. A position beyond a pole continues on the other side, one beyond the seam behind the seam.
+// Returns the unit direction through a position. Positions beyond a pole continue on the other side of the pole, and positions
+// beyond the seam continue behind the seam.
 vec3 shadow_direction(int face, vec2 at)
 {
     vec2 theta = cosine_sine(2.0 * (at.y / shadow_cells.y - 0.5));

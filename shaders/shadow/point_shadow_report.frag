@@ -1,8 +1,8 @@
 // point_shadow_report.frag: writes the visibility of a light from points that are given as texels.
 #include "shadow/point_shadow.glsl"
 
-uniform sampler2D points;   // world; w: index of the object
-uniform sampler2D normals;  // world, unit
+uniform sampler2D points;   // world positions; w: index of the object
+uniform sampler2D normals;  // unit normals in the world
 uniform int light;
 
 layout(location = 0) out float visibility;

@@ -10,7 +10,7 @@ layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };
 #endif
 
 uniform int begin;  // first primitive of this draw
-uniform int end;    // one after the last
+uniform int end;    // index after the last primitive of this draw
 
 layout(location = 0) out uvec2 found;
 

@@ -4,9 +4,9 @@
 // The rectangle comes from exact tangent planes, plus a margin for rounding. Rays of pixels with a centre outside miss. A
 // primitive that extends behind the eye has no bounds in projection, and may cover any pixel unless it is beyond a side of the
 // view. With parallel rays (EYE_ORTHOGRAPHIC) bounds are coordinates, and slopes are coordinates too.
-const int HIDDEN = 0;   // covers no pixel
-const int BOUNDED = 1;  // covers pixels from low to high, inclusive, inside the window
-const int AROUND = 2;   // crosses the plane of the eye, so may cover any pixel
+const int HIDDEN = 0;   // the object covers no pixel
+const int BOUNDED = 1;  // the object covers pixels from low to high, inclusive, inside the window
+const int AROUND = 2;   // the object crosses the plane of the eye, so it may cover any pixel
 
 const float NEARLY = 1e-3;           // minimum distance from the plane of the eye, as a fraction of the extent
 
@@ -59,8 +59,8 @@ int parallel_bounds(vec3 low_corner, vec3 high_corner, out ivec2 low, out ivec2 
 }
 #endif
 
-// Slopes of the two planes that contain the eye and one axis of the image and touch an ellipsoid. X, Z: extents of its half
-// axes along x and z; (x, z): its centre. xz = X . Z, zz = Z . Z, square = |z X - x Z|^2 - |X x Z|^2.
+// Slopes of the two planes that contain the eye and one axis of the image, and touch an ellipsoid. The ellipsoid has the centre
+// (x, z), and half axes with the extents X along x and Z along z. xz = X . Z, zz = Z . Z, square = |z X - x Z|^2 - |X x Z|^2.
 vec2 tangent_slopes(vec2 centre, float xz, float zz, float square)
 {
     float middle = centre.x * centre.y - xz, root = sqrt(max(square, 0.0));

@@ -13,10 +13,10 @@
 
 struct PunctualRay
 {
-    vec3 wi;      // unit, to the light
-    float tmax;   // just before the light
-    vec3 E;       // irradiance
-    bool distant; // true if it has no position
+    vec3 wi;      // unit direction to the light
+    float tmax;   // distance just before the light
+    vec3 E;       // irradiance by the light
+    bool distant; // true if the light has no position
 };
 
 PunctualRay punctual_ray(int light, vec3 position)

@@ -10,7 +10,7 @@
 #include "t_buffer/shadow_rays.glsl"
 #include "t_buffer/stream_shadows.glsl"
 
-UINT_TEXELS(rg32ui, eye_buffer);  // primitive + 1, bits of t
+UINT_TEXELS(rg32ui, eye_buffer);  // number of the primitive + 1, and bits of t
 
 #ifdef COUNT_TESTS
 layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // counts for shadow rays and secondary rays

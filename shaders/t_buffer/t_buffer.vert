@@ -9,7 +9,7 @@ uniform int first;  // index of the first primitive of this kind
 #ifdef SQUARES
 uniform int square_side;
 uniform usampler2D squares;  // item, index of the square | squares across << 20; see buffers/t_buffer.py
-flat out ivec4 own_pixels;   // first and last pixel, so that no ray is shot twice
+flat out ivec4 own_pixels;   // first and last pixel of the square, so that no ray is shot twice
 #endif
 
 flat out int primitive;

@@ -4,7 +4,7 @@
 #include <T_BUFFER>
 #include "gl/texels.glsl"
 
-UINT_TEXELS(rg32ui, drawn);  // number + 1, bits of t
+UINT_TEXELS(rg32ui, drawn);  // number of the primitive + 1, and bits of t
 uniform ivec2 eye_size;
 
 layout(std430, binding = 2) buffer Nearest { uint min_t[]; };

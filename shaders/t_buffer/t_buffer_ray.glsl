@@ -41,7 +41,7 @@ int bounds(int primitive, out ivec2 low, out ivec2 high)
     int ellipsoid = primitive - first_ellipsoid;
     vec4 axis0 = ellipsoid_texel(ellipsoid, ELLIPSOID_AXIS0), axis1 = ellipsoid_texel(ellipsoid, ELLIPSOID_AXIS1);
     vec4 axis2 = ellipsoid_texel(ellipsoid, ELLIPSOID_AXIS2);
-    // For a flat, distant ellipsoid, rounding in the space of its unit sphere is larger than that of the pixels.
+    // For a flat, distant ellipsoid, the rounding error in the space of its unit sphere is larger than in pixels.
     float grown = 1.0 + 1e-6 * length(target(primitive).from.xyz);
     mat3 axes = grown * mat3(axis0.xyz, axis1.xyz, axis2.xyz);
     return ellipsoid_bounds(vec3(axis0.w, axis1.w, axis2.w), axes[0], axes[1], axes[2], low, high);

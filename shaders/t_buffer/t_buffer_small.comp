@@ -22,7 +22,7 @@ layout(std430, binding = 4) buffer Large { uint large[]; };        // one bit pe
 layout(std430, binding = 6) buffer Small { uvec2 rectangles[]; };  // first pixel | y << 16; width | height << 16
 
 const int MAX_PIXELS = 64;
-const uint ULPS = 16u;  // maximum difference of t between programs
+const uint ULPS = 16u;  // maximum difference of t between programs, in steps of a float
 
 // Sets the pixels of a small primitive; returns false if there are none.
 bool small_rectangle(int item, int primitive, out ivec2 low, out ivec2 size)

@@ -27,7 +27,7 @@
 #include "shadow/point_shadow.glsl"
 #endif
 
-UINT_TEXELS(rg32ui, eye_buffer);  // primitive + 1, bits of t
+UINT_TEXELS(rg32ui, eye_buffer);  // number of the primitive + 1, and bits of t
 uniform int max_depth;         // maximum number of surfaces between light and eye
 uniform vec3 ambient;
 
@@ -45,11 +45,11 @@ struct Shaded
     int primitive;
     Surface surface;
     bool front;
-    vec3 normal;     // on the visible side
+    vec3 normal;     // geometric normal on the visible side
     vec3 n;          // shading normal
     float vertex_cosine;
     Bsdf bsdf;
-    vec3 wo;         // back along the ray
+    vec3 wo;         // unit direction back along the ray
     float rounding;  // distance from the surface at which secondary rays begin
 };
 
@@ -186,7 +186,7 @@ void add_direct_light(inout vec3 L, Shaded at, vec3 weight, int depth)
 }
 
 #if defined(REFLECTIONS) && defined(HAS_COAT_NORMALS)
-uint mirrors_chosen = 0u;  // number of choices of the pixel
+uint mirrors_chosen = 0u;  // number of choices between clearcoat and base in this pixel so far
 
 // A smooth clearcoat with its own normals mirrors another direction than its base. The ray is not split; it follows one of the
 // two, with a probability in proportion to their reflectance.

@@ -50,7 +50,7 @@ Sampler = Literal["independent", "multijitter"]
 #: Offset of each side of a two-sided light, as a fraction of the scene's diagonal. A ray from either side then hits
 #: the side that faces it first.
 SIDE_OFFSET = 1e-5
-# Rows of the environment map that replaces a sky with a gradient.
+# Number of rows of the environment map that is exported for a sky with a gradient.
 _SKY_ROWS = 1025
 
 

@@ -19,8 +19,11 @@ from glpath.io.gltf.table import Table
 from glpath.scene.model import Float64
 
 _WIDTHS = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
-# Samples while the shutter is open: a rotation by 100 degrees between two samples is still below half a turn.
-_EVEN_TIMES, _MAX_KEYS = 17, 64
+# Number of evenly spaced samples while the shutter is open. A rotation by 100 degrees between two samples is still
+# below half a turn.
+_EVEN_TIMES = 17
+# Maximum number of keys that are added to these samples.
+_MAX_KEYS = 64
 _PATHS = {name: name for name in _WIDTHS}
 _INTERPOLATIONS = {name: name for name in ("LINEAR", "STEP", "CUBICSPLINE")}
 

@@ -10,11 +10,12 @@ MAX_NODES = 2**20
 MAX_ACCESSORS = 2**20
 #: Maximum elements of an accessor without data, which are zeros and cost no bytes in the file.
 MAX_ZEROS = 2**22
-#: Limits of the bytes of all decoded arrays, meshes and pixels: the total, the amount that is always allowed, and
-#: the ratio to the bytes of the files. Data that a file uses again are decoded once. Draco meshes unfold to
-#: hundreds of times their bytes.
+#: Maximum bytes of all decoded arrays, meshes and pixels. Data that a file uses again are decoded once.
 MAX_DECODED_BYTES = 2**33
+#: Bytes of decoded data that are always allowed.
 ALWAYS_DECODED_BYTES = 2**30
+#: Maximum ratio of decoded bytes to bytes of the files above this amount. Draco meshes unfold to hundreds of times
+#: their bytes.
 MAX_DECODED_RATIO = 512
 #: Maximum triangles of all instances together; their vertices have 32-bit indices.
 MAX_TRIANGLES = 2**28

@@ -42,9 +42,14 @@ from glpath.scene.tessellate import with_area
 _UP = np.array([0.0, 0.0, 1.0])
 # Tolerance of overlaps between the openings and edges of a face, as a fraction of its area.
 _MISSING = 1e-2
-# Camera in a room: distance from a corner towards the centre, heights of the eye and of the target, as fractions;
-# field of view in degrees.
-_FROM_CORNER, _EYE, _TARGET, _FOV = 0.08, 0.6, 0.45, 75.0
+# Distance of the eye from a room's corner towards its centre, as a fraction.
+_FROM_CORNER = 0.08
+# Height of the eye, as a fraction of the room's height.
+_EYE = 0.6
+# Height of the target, as a fraction of the room's height.
+_TARGET = 0.45
+# Field of view, degrees.
+_FOV = 75.0
 
 
 def read_honeybee(

@@ -20,9 +20,14 @@ from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 
 _DEEPEST = 15  # maximum depth of nested includes, as in Mitsuba
 _NESTED = 100  # maximum depth of nested elements
-# Limits of a scene with its includes: elements, files, and bytes that values substitute for `$name`.
-_MAX_ELEMENTS, _MAX_FILES, _MAX_VALUES = 2**19, 2**10, 2**22
-# Maximum depth of plugins nested by `<ref>`s. With two in each plugin, their number doubles with each level.
+# Maximum number of elements in a scene with its includes.
+_MAX_ELEMENTS = 2**19
+# Maximum number of files of a scene with its includes.
+_MAX_FILES = 2**10
+# Maximum number of bytes that values substitute for `$name` in a scene with its includes.
+_MAX_VALUES = 2**22
+# Maximum depth of plugins nested by `<ref>`s. If each plugin has two `<ref>`s, the number of plugins doubles with
+# each level.
 _MAX_REFERENCES = 16
 _DOLLAR = re.compile(r"\$(\w+)")
 _VERSION = re.compile(r"([0-9]{1,4})(\.|$)")
@@ -51,7 +56,7 @@ class Element:
         return self.attributes.get("name", "")
 
     def file(self, name: str) -> Path:
-        """Return the path of a file that the element names; in its own folder if the file does not exist."""
+        """Return the path of a file that the element names. If no folder has the file, the path is in `folder`."""
         found = (folder / name for folder in (self.folder, *self.searched))
         return next((path for path in found if os.path.exists(path)), self.folder / name)
 

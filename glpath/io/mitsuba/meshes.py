@@ -45,9 +45,13 @@ _CUBE_FACES = np.concatenate([np.array([(0, 1, 2), (3, 0, 2)], np.int32) + 4 * f
 # Colours up to this value exceed 1 only by rounding.
 _MAX_REFLECTANCE = 1.0 + 1e-6
 _SERIALIZED = 0x041C
-# Bytes that contain the flags, the name and the counts of a mesh. Unpacked size in bytes that is always allowed,
-# and allowed unpacked bytes per byte of the file. Meshes of surfaces are packed to between a half and a tenth.
-_SERIALIZED_HEAD, _SERIALIZED_SMALL, _SERIALIZED_RATIO = 4096, 2**24, 32
+# Number of bytes that contain the flags, the name and the counts of a mesh.
+_SERIALIZED_HEAD = 4096
+# Unpacked size of a mesh that is always allowed, bytes.
+_SERIALIZED_SMALL = 2**24
+# Maximum ratio of unpacked to packed bytes above this size. Meshes of surfaces are packed to between a half and a
+# tenth.
+_SERIALIZED_RATIO = 32
 
 
 def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> tuple[Mesh, bool]:

@@ -59,8 +59,10 @@ _RGB_FROM_XYZ = np.array(
         [0.055648, -0.204043, 1.057311],
     ]
 )
-# Planck's law: 2 h c^2 in W m^2 sr^-1, and h c / k in m K.
-_FIRST_RADIATION, _SECOND_RADIATION = 1.191042972e-16, 1.438776877e-2
+# Constant 2 h c^2 of Planck's law, W m^2 sr^-1.
+_FIRST_RADIATION = 1.191042972e-16
+# Constant h c / k of Planck's law, m K.
+_SECOND_RADIATION = 1.438776877e-2
 
 
 def colour_of_spectrum(wavelengths: ArrayLike, values: ArrayLike, *, light: bool) -> Float64:

@@ -29,8 +29,10 @@ from glpath.scene.source_location import SourceLocation
 from glpath.system.terminal import encodable
 
 _KINDS = ("bitmap", "checkerboard", "rawconstant", "uniform", "srgb")
-# Factor by which an image is refined before its colours are changed, and the maximum texels of such an image.
-_FINER, _MAX_INTERPOLATED = 5, 65536
+# Factor by which an image is refined before its colours are changed.
+_FINER = 5
+# Maximum number of texels of an image that is refined.
+_MAX_INTERPOLATED = 65536
 FORMATS = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
 # sRGB byte whose reflectance is nearest to 0.5.
 _GREY = 188

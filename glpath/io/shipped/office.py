@@ -19,8 +19,12 @@ _Part = tuple[str, str, tuple[float, float, float], tuple[float, float, float]]
 
 #: Size of the room, which starts at 0: x along the windows, y up; metres.
 ROOM = (12.0, 3.0, 8.0)
-# Rectangles along and across the tessellated floor, long walls and short walls; they give 2563 polygons.
-_FLOOR, _LONG, _SHORT = (30, 20), (35, 9), (24, 9)
+# Numbers of rectangles along and across the floor. All surfaces together give 2563 polygons.
+_FLOOR = (30, 20)
+# Numbers of rectangles along and across a long wall.
+_LONG = (35, 9)
+# Numbers of rectangles along and across a short wall.
+_SHORT = (24, 9)
 _LIGHTS = 10
 
 _Resolution = Annotated[

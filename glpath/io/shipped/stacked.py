@@ -33,8 +33,8 @@ _COLOURS = {
 # Maximum objects that are separate shapes; a million names and ranges would take longer than all the rest.
 _MAX_SHAPES = 10_000
 # Lean of the triangles in degrees, alternately forwards and backwards; in one plane they would have no shadows.
-# They are slightly smaller than their cells, so that no two share an edge.
 _LEAN = 20.0
+# Size of the triangles relative to their cells, so that no two triangles share an edge.
 _INSET = 0.94
 _ROW = np.sqrt(3)
 

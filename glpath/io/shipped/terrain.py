@@ -11,8 +11,10 @@ from glpath.io.load import scene_from_dict
 from glpath.scene.model import Float64, Scene
 from glpath.scene.patches import PatchChunks, Patches, diced
 
-# Control points along a side of the net, and half the length of the side, scene units.
-_NET, _HALF = 19, 8.0
+# Number of control points along a side of the net.
+_NET = 19
+# Half the length of that side, scene units.
+_HALF = 8.0
 _DISPLACED = 1.1
 
 

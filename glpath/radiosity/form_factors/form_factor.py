@@ -44,7 +44,7 @@ KINDS: tuple[Kind, ...] = ("polygon", "disc")
 
 #: Distance, in sizes of an emitter's part, from which one sample represents the part.
 FIVE_TIMES = 5.0
-#: Fraction of all points above which the shafts prepared for all points are used for some of them.
+#: Fraction of all points. If more points than this need rays, rays go to all points, whose shafts are prepared.
 _MAX_SHARE = 0.4
 #: Minimum height of a lit point in front of an emitter, as a fraction of the emitter's size.
 _LEVEL = 1e-9
@@ -211,7 +211,10 @@ class ReceiverPoints:
 
 @kernel
 def _tiers(lit, emitters, tiers, tier):  # type: ignore[no-untyped-def]
-    """Fill tier (P, B): index into `tiers`, numbers of samples along a side, that a point needs; -1 if not lit."""
+    """Fill `tier` (P, B) with the index into `tiers` for each point and emitter; -1 if no light can arrive.
+
+    tiers : ascending numbers of samples along an emitter's side; the first that suffices is chosen
+    """
     points, normals, _ = lit
     corners, normal, sizes, _ = emitters
     last = len(tiers) - 1

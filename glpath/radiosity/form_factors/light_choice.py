@@ -15,8 +15,12 @@ Int64 = NDArray[np.int64]
 MANY = 9
 #: Number of light samples of a point.
 _SAMPLES = 4
-# Weights of three probabilities: by irradiance at a point of the row, by its bound near that point, and uniform.
-_BRINGS, _MAY_BRING, _ALIKE = 0.6, 0.35, 0.05
+# Weight of a light's irradiance at a point of the row, in the probability of the light.
+_BRINGS = 0.6
+# Weight of the bound of a light's irradiance near that point, in the same probability.
+_MAY_BRING = 0.35
+# Weight of a uniform choice in the same probability.
+_ALIKE = 0.05
 # Maximum number of probabilities in a table; larger tables are replaced by one row for all points.
 _MAX_CHANCES = 1 << 22
 

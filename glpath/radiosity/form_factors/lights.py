@@ -41,9 +41,14 @@ SKY_RAYS = 64
 #: sky.
 BINS = 64
 _GUIDED = 0.5  # fraction of guided rays; the others are cosine-weighted, which limits the weight of a ray to 2
-#: Target number of guided rays of all points, minimum and maximum for each point, and number of points in a task. A
-#: mean over many elements needs fewer rays for each.
-_AIMED_RAYS, _MIN_AIMED, _MAX_AIMED, _AIMED_TOGETHER = 1 << 20, 16, 256, 1024
+#: Target number of guided rays from all points. A mean over many elements needs fewer rays from each point.
+_AIMED_RAYS = 1 << 20
+#: Minimum number of guided rays from each point.
+_MIN_AIMED = 16
+#: Maximum number of guided rays from each point.
+_MAX_AIMED = 256
+#: Number of points in a task of guided rays.
+_AIMED_TOGETHER = 1024
 #: Number of points in a task, so that their rays fit into memory.
 _TOGETHER = 4096
 #: Number of directions, distributed by a map's radiance, that points share.
@@ -129,11 +134,12 @@ class DirectLight:
         guides: Float64 | None = None,
         chosen: Chosen | None = None,
     ) -> Float64:
-        """Return irradiance as `at` does, in the calling thread, with `sky_rays` rays to the sky, a square number.
+        """Return irradiance (P, 3) as `at` does, but computed in the calling thread.
 
-        guides : (P, BINS) cumulative probabilities of rays from each point to a sky without a map; None for
-                 cosine-weighted rays
-        chosen : choice of a few of many punctual lights, without bias; None for all
+        sky_rays : number of rays from each point to the sky, a square number
+        guides   : (P, BINS) cumulative probabilities of rays from each point to a sky without a map; None for
+                   cosine-weighted rays
+        chosen   : unbiased choice of a few of many punctual lights; None for all lights
         """
         total = self._punctual(points, normals, triangle, chosen, random)
         sky = self.lighting.sky

@@ -22,8 +22,9 @@ from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 #: Fraction of a segment at each end where nothing blocks it, because the surfaces at its ends have neighbours.
 ENDS = 1e-5
-#: Widening of a box, and rounding error of a distance from a plane, as fractions of the largest coordinate.
+#: Widening of a box, as a fraction of the largest coordinate.
 _WIDER = 1e-9
+#: Rounding error of a distance from a plane, as a fraction of the largest coordinate.
 _ROUNDING = 1e-12
 #: Maximum coordinate of a point, relative to the occluders' largest, for which these values still cover the
 #: rounding.
@@ -162,7 +163,8 @@ class Occluders:
         e1, e2 = self.corners[:, 1] - corner, self.corners[:, 2] - corner
         normal, front_only = self._normals(), self.solid & solids
         if self.culled is not None:
-            # Flipped and treated as solids, they block only segments from emitters behind them.
+            # A polygon with a culled back is flipped and treated as a solid's. It then blocks only segments from
+            # emitters behind the original polygon.
             e1, e2 = np.where(self.culled[:, None], e2, e1), np.where(self.culled[:, None], e1, e2)
             normal = np.where(self.culled[:, None], -normal, normal)
             front_only = front_only | self.culled

@@ -221,15 +221,16 @@ def candidate_list(
     ratio: float = 0.4,
     open_enclosing: bool = True,
 ) -> Int32:
-    """Return the nodes that may block between the two boxes of a shaft [SC, Creating the Candidate List].
+    """Return the nodes whose items may occlude one box of a shaft from the other.
 
-    All items not below one of these nodes are outside the shaft. If the list is empty, nothing occludes.
+    Items that are below none of these nodes are outside the shaft. If no node is returned, nothing occludes.
+    Source: [SC, Creating the Candidate List].
 
     Parameters
     ----------
-    ratio          : ratio of `Strategy.RATIO_OPEN`
-    open_enclosing : True to open nodes that enclose a reference box with any strategy, because every ray would hit
-                     them
+    ratio          : fraction of children, see `Strategy.RATIO_OPEN`
+    open_enclosing : True to open nodes that enclose one of the two boxes, with any strategy, because every ray
+                     would hit such nodes
 
     Returns (n,) int32, nodes of the BVH: leaves, and nodes that the strategy keeps closed.
     """

@@ -153,5 +153,8 @@ class Visibility:
 def visible(
     occluders: Occluders, points_a: ArrayLike, points_b: ArrayLike, options: ShaftOptions | None = None
 ) -> NDArray[np.bool_]:
-    """Return the (A, B) bool of `Visibility.visible` for a single call; a `Visibility` keeps its tree for more."""
+    """Return the result (A, B) of `Visibility.visible`.
+
+    For several calls, create a `Visibility`, which keeps its tree.
+    """
     return Visibility(occluders, options or ShaftOptions()).visible(points_a, points_b)

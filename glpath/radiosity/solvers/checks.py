@@ -19,8 +19,10 @@ from glpath.scene.source_location import SourceLocation
 
 Method = Literal["progressive", "matrix", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
-#: Bytes of an element, and of each point of a receiver, measured and rounded up.
-_BYTES_PER_ELEMENT, _BYTES_PER_POINT = 1800, 400
+#: Bytes per element, measured and rounded up.
+_BYTES_PER_ELEMENT = 1800
+#: Bytes per point of a receiver, measured and rounded up.
+_BYTES_PER_POINT = 400
 _SAMPLES = (1, 4, 9, 16, 25)
 # Options that are whole numbers, with minimum and maximum.
 _COUNTS = {

@@ -20,8 +20,10 @@ from glpath.system.time_limit import check_time
 
 #: Number of cells in which reflected light starts if a camera decides how many particles start in each.
 CELLS = 4096
-#: Number of batches of camera paths that estimate importance, and that estimate contributions to the image.
-_VISIT_BATCHES, _VIEW_BATCHES = 12, 1
+#: Number of batches of camera paths that estimate importance.
+_VISIT_BATCHES = 12
+#: Number of batches of camera paths that estimate contributions to the image.
+_VIEW_BATCHES = 1
 
 
 def start_cells(scene: Scene, surface: Int64) -> Elements:

@@ -49,20 +49,32 @@ from glpath.system.time_limit import check_time
 
 #: Number of rays to the sky from the start of a particle.
 _START_RAYS = 4
-#: Number of rays to the sky from each of a cell's four points, for cells that camera paths visit, and for others.
-_CELL_RAYS, _FAR_RAYS = 16, 4
-#: Number of the most important sides of cells that get more rays, and number of these rays; a window may be small.
-_CLOSER, _CLOSE_RAYS = 2048, 100
-#: Number of quadtree levels, which halve the edges, in the first pass, and number that each further pass adds.
-_FIRST_DEPTH, _DEEPER = 2, 2
-#: Maximum number of elements in all lattices, in the first pass and in the last.
-_FIRST_ELEMENTS, _MAX_ELEMENTS = 1 << 14, 1 << 18
-#: Fraction of all energy that may be misplaced within the finest elements of all triangles, and of one triangle,
-#: relative to the square of the threshold.
-_MISPLACED, _MISPLACED_IN_ONE = 0.32, 0.016
-#: Fraction of camera visits that is spread evenly over each surface, and fraction of the mean light that is assumed
-#: where rays found none.
-_SPREAD, _UNHIT = 0.25, 0.2
+#: Number of rays to the sky from each of the four points of a cell that camera paths visit.
+_CELL_RAYS = 16
+#: Number of rays to the sky from each of the four points of other cells.
+_FAR_RAYS = 4
+#: Number of the most important sides of cells, which get more rays, because a window may be small.
+_CLOSER = 2048
+#: Number of rays to the sky from each point of these sides.
+_CLOSE_RAYS = 100
+#: Number of quadtree levels in the first pass; each level halves the edges.
+_FIRST_DEPTH = 2
+#: Number of quadtree levels that each further pass adds.
+_DEEPER = 2
+#: Maximum number of elements in all lattices in the first pass.
+_FIRST_ELEMENTS = 1 << 14
+#: Maximum number of elements in all lattices in the last pass.
+_MAX_ELEMENTS = 1 << 18
+#: Fraction of all energy that may be misplaced within the finest elements of all triangles, relative to the square
+#: of the threshold.
+_MISPLACED = 0.32
+#: Fraction of all energy that may be misplaced within the finest elements of one triangle, relative to the square
+#: of the threshold.
+_MISPLACED_IN_ONE = 0.016
+#: Fraction of camera visits that is spread evenly over each surface.
+_SPREAD = 0.25
+#: Light that is assumed for cells whose rays found none, as a fraction of the mean light.
+_UNHIT = 0.2
 # Name of the work before the first particle, for a time limit.
 _STARTING = "finding where particles start"
 

@@ -51,11 +51,15 @@ from glpath.system.time_limit import (
 DEFAULT_PATCHES = 1000
 #: Default number of times that "monte-carlo" may split elements in four, to a 64th of their width.
 DEFAULT_ADAPTIVE = 6
-#: Maximum size of cached form factors, as a fraction of free memory and in bytes.
-_CACHE_SHARE, _CACHE_MAX = 0.25, 4 << 30
-#: Maximum number of batches, and target relative error of the gathered light for a camera. Light of a sky may enter
-#: through a small window, so particles are added until the standard error meets the target.
-_MAX_BATCHES, _VIEW_ERROR = 64, 0.003
+#: Maximum size of cached form factors, as a fraction of free memory.
+_CACHE_SHARE = 0.25
+#: Maximum size of cached form factors, bytes.
+_CACHE_MAX = 4 << 30
+#: Maximum number of batches for a camera.
+_MAX_BATCHES = 64
+#: Target relative error of the gathered light for a camera. Light of a sky may enter through a small window, so
+#: particles are added until the standard error meets this target.
+_VIEW_ERROR = 0.003
 #: Stop rule of a solution in its statistics, unless the time limit ended it.
 DONE = "done"
 # Name of the work before the first step, for a time limit.

@@ -30,8 +30,12 @@ if TYPE_CHECKING:
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-#: Number of first rays of a facet in closed models, and in others; minimum number of first rays of all facets.
-_CLOSED, _OPEN, _ALTOGETHER = 16, 128, 4096
+#: Number of first rays of a facet in closed models.
+_CLOSED = 16
+#: Number of first rays of a facet in models that are not closed.
+_OPEN = 128
+#: Minimum number of first rays of all facets together.
+_ALTOGETHER = 4096
 #: Target standard error of a back fraction, relative to the target error of a row's sum.
 _SHARE = 0.4
 #: Number of facets of a task.

@@ -42,19 +42,26 @@ Property = Literal["reciprocity", "closure"]
 
 #: Maximum number of rows of a task; small, so that all cores end together and an interruption waits only briefly.
 _TASK = 32
-#: Seconds between two reports, seconds between two saves, and maximum fraction of time spent on saving.
-_REPORT_INTERVAL, _SAVE_INTERVAL, _SAVE_SHARE = 0.1, 20.0, 0.05
+#: Time between two reports, seconds.
+_REPORT_INTERVAL = 0.1
+#: Minimum time between two saves, seconds.
+_SAVE_INTERVAL = 20.0
+#: Maximum fraction of time spent on saving.
+_SAVE_SHARE = 0.05
 #: Peak memory of a factor in bytes: both halves and their sum, each a value and a column index.
 _BYTES_PER_FACTOR = 40
 #: Excess of a row's sum over 1 that is allowed without a warning.
 _OVERLAP = 0.01
 #: Size of the matrix in bytes up to which available memory is not checked.
 _ASKED = 8 << 20
-#: Terms of a row's error. `_CAUTION` scales standard errors of points, which are cautious, so that the result is
-#: about one and a half true standard errors. `_OF_BACKS` scales standard errors of backs, which rays underestimate.
-#: `_STRIPS` is the width of a strip along the row's edges, in units of the rounding length `eps`. No row of random
+#: Factor on the standard errors of points in a row's error. These errors are cautious, so the result is about one
+#: and a half true standard errors.
+_CAUTION = 0.9
+#: Factor on the standard errors of backs in a row's error, because rays underestimate them.
+_OF_BACKS = 2.5
+#: Width of a strip along the row's edges in a row's error, in units of the rounding length `eps`. No row of random
 #: rooms, rotated and in 32 bits, loses more than this strip.
-_CAUTION, _OF_BACKS, _STRIPS = 0.9, 2.5, 2e-3
+_STRIPS = 2e-3
 #: Format number of a partial file; it changes with the layout or the method.
 _FORMAT = 4
 

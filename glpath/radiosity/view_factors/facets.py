@@ -71,7 +71,7 @@ def merged(
     """
     shapes: list[list[int] | None] = [list(outline) for outline in outlines]
     points = list(map(tuple, np.asarray(vertices, np.float64).tolist()))
-    # The area vector of a union is the sum of its parts' vectors, so that its normal is theirs.
+    # Area vectors add up when polygons are merged, which gives the normal of a union without its corners.
     vectors = [_area_vector(points, shape) for shape in shapes if shape is not None]
     units = [_unit(vector) for vector in vectors]
     labels = list(labels)

@@ -336,7 +336,10 @@ def _scrambled(x, seed):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def mixed(x):  # type: ignore[no-untyped-def]
-    """Return a 31-bit hash of a 31-bit x. No product exceeds 63 bits, which LLVM leaves undefined."""
+    """Return a 31-bit hash of a 31-bit number x.
+
+    All products fit into 63 bits, because LLVM leaves overflow undefined.
+    """
     x = (x + 0x1E3779B9) & 0x7FFFFFFF
     x = ((x ^ (x >> 16)) * 0x45D9F3B) & 0x7FFFFFFF
     x = ((x ^ (x >> 15)) * 0x45D9F3B) & 0x7FFFFFFF

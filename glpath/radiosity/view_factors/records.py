@@ -17,8 +17,10 @@ Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 
-#: Maximum depth of halving a polygon; maximum number of occluders considered between two polygons at that depth.
-DEEPEST, MAX_CLIPPED = 14, 256
+#: Maximum depth of halving a polygon.
+DEEPEST = 14
+#: Maximum number of occluders considered between two polygons at that depth.
+MAX_CLIPPED = 256
 
 
 class Polygons(NamedTuple):

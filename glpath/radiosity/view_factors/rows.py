@@ -30,13 +30,17 @@ _EXACT = 0.05
 _OF_BOUND = 0.16
 #: Exchange area, in tolerances, up to which four points suffice and the largest polygon is not halved.
 _COARSE = 6.0
-#: Tolerances of an exchange area for each initial point, up to `_TRIED` points; in parts of a pair each tolerance
-#: gets a point. Few points may agree accidentally, and would be accepted if they all miss a small occluder. The sum
-#: would then be too large.
-_A_POINT, _TRIED = 3.0, 128
+#: Number of tolerances in an exchange area for which a whole pair gets one initial point. In parts of a pair, each
+#: tolerance gets a point. Few points may agree accidentally. If all of them miss a small occluder, the accepted sum
+#: is too large.
+_A_POINT = 3.0
+#: Maximum number of initial points.
+_TRIED = 128
 #: Number of occluders between two polygons above which the larger polygon is halved if `_TRIED` points do not
-#: suffice, and number above which it is halved before any point is tried.
-_FEW_OCCLUDERS, _MANY_OCCLUDERS = 6, 48
+#: suffice.
+_FEW_OCCLUDERS = 6
+#: Number of occluders above which the larger polygon is halved before any point is tried.
+_MANY_OCCLUDERS = 48
 
 # Indices into the counts.
 PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, POINTS, CROWDED = range(8)
