@@ -62,7 +62,8 @@ while silent < limit:
         silent += max(0.0, tick - starved)
         before = now
 try:
-    os.write(2, message.encode(errors="replace"))
+    if select.select([], [2], [], 1.0)[1]:  # a write to a full pipe would block
+        os.write(2, message.encode(errors="replace"))
 except OSError:  # full, closed or disconnected: the render hangs nevertheless
     pass
 os.kill(watched, signal.SIGABRT)
