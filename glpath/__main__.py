@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import select
 import sys
 
 
@@ -12,7 +13,8 @@ def main() -> None:
         from glpath.cli.main import run_and_end
     except KeyboardInterrupt:
         with contextlib.suppress(OSError):
-            os.write(2, b"Interrupted.\n")
+            if os.name == "nt" or select.select([], [2], [], 1.0)[1]:  # a write to a full pipe would block
+                os.write(2, b"Interrupted.\n")
         os._exit(130)
     run_and_end()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import os
 import shutil
@@ -130,3 +131,17 @@ hypothesis.settings.load_profile("glpath")
 # Whoever starts the suite in the background of a script has SIGINT ignored, and so would have the programs that are
 # tested here; a handler of one's own makes it a signal again, in them too.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def unread_pipe() -> Iterator[int]:
+    """Write end of a full pipe that nobody reads."""
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(write, bytes(4096))
+    os.set_blocking(write, True)
+    yield write
+    os.close(read)
+    os.close(write)

@@ -31,7 +31,7 @@ from glpath.cli.plain_values import spare_conversions
 from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
 from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError, warning_scope
-from glpath.system.terminal import CleanHandler, say, shortened
+from glpath.system.terminal import CleanHandler, report_stream, say, shortened
 from glpath.system.time_limit import command_clock
 
 FAILED, WRONG_USAGE = 1, 2
@@ -213,6 +213,7 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
 
 def run_and_end() -> None:
     """Call `run`, then end the process without Python's shutdown, which takes 0.1 s."""
+    sys.stderr = report_stream(sys.stderr)  # type: ignore[assignment]  # also for what other packages print
     try:
         run()
     except SystemExit as end:

@@ -8,7 +8,6 @@ that the parent process ignores stays ignored, as SIGHUP under nohup.
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -16,6 +15,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TypeVar
 
+from glpath.system.report_pipe import write_report
 from glpath.system.signals import REPEATED, TERMINATING
 
 T = TypeVar("T")
@@ -51,7 +51,7 @@ class _Signals:
             raise KeyboardInterrupt
         text = f"glpath: saving what there is; to give that up, interrupt {'once' if left == 1 else 'twice'} more\n"
         with contextlib.suppress(OSError):
-            os.write(2, text.encode())  # print is not for signal handlers
+            write_report(2, text.encode())  # print is not for signal handlers
 
 
 # State of the command in the main thread; a process has one set of handlers.

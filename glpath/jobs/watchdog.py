@@ -6,9 +6,9 @@ nothing comes for too long, it prints a line and aborts this process (SIGABRT, e
 prints its stack. Data in memory are lost; a checkpoint is not.
 
 The watchdog counts only time in which it ran itself, so a suspended render (Ctrl-Z) does not count as hanging. It
-also excludes the time for which threads of this process waited for a processor, as reported by the operating
-system. Otherwise, compilation of a kernel on a busy machine could exceed the limit. The watchdog ends when the pipe
-closes, for any reason.
+also excludes time in which this process alone was stopped (SIGSTOP, a debugger), and time for which its threads
+waited for a processor, as reported by the operating system. Otherwise, compilation of a kernel on a busy machine
+could exceed the limit. The watchdog ends when the pipe closes, for any reason.
 
 Cost:     start of a Python process without packages, 20 ms of another core; then not measurable.
 Poor at:  path sets or solver steps that take longer than the limit on slow machines, which need a higher limit.
@@ -50,6 +50,14 @@ def waits():
         pass
     return found
 
+def is_stopped():
+    # True if a signal or a debugger has stopped the process; False where the kernel does not report it.
+    try:
+        with open(f"{proc}/{watched}/stat", errors="replace") as file:
+            return file.read().rpartition(")")[2].split()[0] in ("T", "t")
+    except (OSError, IndexError):
+        return False
+
 before = waits()
 while silent < limit:
     if select.select([0], [], [], tick)[0]:
@@ -59,10 +67,12 @@ while silent < limit:
     else:
         now = waits()
         starved = max((now[each] - before.get(each, now[each]) for each in now), default=0.0)
-        silent += max(0.0, tick - starved)
+        if not is_stopped():
+            silent += max(0.0, tick - starved)
         before = now
 try:
-    os.write(2, message.encode(errors="replace"))
+    if select.select([], [2], [], 1.0)[1]:  # a write to a full pipe would block
+        os.write(2, message.encode(errors="replace"))
 except OSError:  # full, closed or disconnected: the render hangs nevertheless
     pass
 os.kill(watched, signal.SIGABRT)

@@ -16,6 +16,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from glpath.system.report_pipe import write_report
+
 _STDOUT, _STDERR = 1, 2
 _lock = threading.Lock()
 
@@ -61,7 +63,7 @@ def _files_held(beginnings: tuple[str, ...]) -> Iterator[None]:
             dropped = tuple(os.fsencode(beginning) for beginning in beginnings)
             rest = b"".join(line for line in held if not line.startswith(dropped))
             with contextlib.suppress(OSError):
-                os.write(_STDERR, rest)
+                write_report(_STDERR, rest)
 
 
 def _flush() -> None:

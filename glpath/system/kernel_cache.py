@@ -34,6 +34,7 @@ import numba
 from glpath.system.files import new_file, open_without_links
 from glpath.system.machine import posix_module
 from glpath.system.private_interfaces import numba_internals
+from glpath.system.time_limit import check_time
 
 log = logging.getLogger("glpath")
 
@@ -214,12 +215,16 @@ def _warn_that_nothing_is_kept(folder: Path, reason: str) -> None:
 
 @contextmanager
 def _alone(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
-    """Hold a lock between processes; continue without it if locks are impossible, or after a minute."""
+    """Hold a lock between processes; continue without it if locks are impossible, or after a minute.
+
+    Raises TimeLimitError as `check_time`.
+    """
     until = time.monotonic() + _PATIENCE
     handle = _locked(path)
     if handle is None:
         on_wait()
     while handle is None and time.monotonic() < until:
+        check_time("waiting for kernels that another process compiles")
         time.sleep(0.05)
         handle = _locked(path)
     try:

@@ -9,6 +9,7 @@ as escapes.
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import logging
 import re
@@ -20,6 +21,8 @@ from typing import IO, Any, cast
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.text import Text
+
+from glpath.system.report_pipe import pipe_of, write_report
 
 # Words that are shortened. Names of files have at most 255 bytes, but paths have several names.
 _LONG_WORD = re.compile(r"[^\s/]{300,}")
@@ -56,27 +59,45 @@ def _escape(character: str) -> str:
 
 
 class ReportStream:
-    """Text stream for reports, which drops text that cannot be written: reports never end the work.
+    """Text stream for reports, which drops text that cannot be written: reports never end or stop the work.
+
+    Text for a pipe or socket is written at the end of a line, or by `flush`, and dropped if nobody reads it.
 
     stream : stream that gets the text; None drops all text
     """
 
     def __init__(self, stream: IO[str] | None) -> None:
         self._stream = stream
+        self._pipe = pipe_of(stream)
+        self._line = ""
         self.encoding = getattr(stream, "encoding", None) or "utf-8"
+        self.errors = getattr(stream, "errors", None) or "backslashreplace"
 
     def write(self, text: str) -> int:
         """Write text, or drop it if the stream is full, closed or disconnected. Returns the length of the text."""
-        if self._stream is not None:
+        if self._pipe is not None:
+            self._line += text
+            if "\n" in text:
+                self.flush()
+        elif self._stream is not None:
             with contextlib.suppress(OSError, ValueError):
                 self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
         """Flush the stream if that is possible."""
-        if self._stream is not None:
-            with contextlib.suppress(OSError, ValueError):
+        with contextlib.suppress(OSError, ValueError):
+            if self._pipe is not None:
+                line, self._line = self._line, ""
+                write_report(self._pipe, line.encode(self.encoding, self.errors))
+            elif self._stream is not None:
                 self._stream.flush()
+
+    def fileno(self) -> int:
+        """Return the descriptor of the stream. Raises OSError if it has none."""
+        if self._stream is None:
+            raise io.UnsupportedOperation("fileno")
+        return self._stream.fileno()
 
     def isatty(self) -> bool:
         """Return True if the stream is a terminal."""

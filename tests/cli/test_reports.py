@@ -5,8 +5,11 @@ from __future__ import annotations
 import errno
 import io
 import os
+import signal
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import imageio.v3 as iio
@@ -15,7 +18,11 @@ import pytest
 
 import glpath
 from glpath.cli import main
+from glpath.cli.signals import RESUME_LATER
+from glpath.film.film import Film
 from glpath.system.reporting import ProgressEvent, reporting
+from glpath.system.terminal import report_stream
+from tests.support.killing import default_signals
 from tests.support.repository import ROOT
 
 RENDER = "render cornell-box-36 --resolution 12x8 --max-depth 2 --spp 2"
@@ -89,6 +96,77 @@ def test_a_shell_that_drops_reports_gets_the_picture(shell: str, tmp_path: Path)
     subprocess.run(["bash", "-c", line], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=300)
     assert (tmp_path / "code").read_text() == "0\n"
     assert iio.imread(tmp_path / "a.png").shape == (8, 12, 3)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
+@pytest.mark.parametrize("progress", ["lines", "json", "bar"])
+def test_command_with_unread_standard_error_writes_its_picture(
+    progress: str, unread_pipe: int, tmp_path: Path
+) -> None:
+    command = [sys.executable, "-m", "glpath", *RENDER.split(), "-v", "--progress", progress, "-o", "a.png"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, stderr=unread_pipe, timeout=100)
+    assert done.returncode == 0
+    assert iio.imread(tmp_path / "a.png").shape == (8, 12, 3)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
+def test_command_with_unread_standard_error_fails_with_its_exit_code(unread_pipe: int) -> None:
+    for words, code in [(["render", "no-such-scene", "-o", "a.png"], 1), (["render", "--no-such-option"], 2)]:
+        done = subprocess.run([sys.executable, "-m", "glpath", *words], stderr=unread_pipe, timeout=60)
+        assert done.returncode == code
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
+def test_signals_with_unread_standard_error_save_the_film(unread_pipe: int, tmp_path: Path) -> None:
+    out = tmp_path / "a.npz"
+    words = [*RENDER.split()[:-1], "1000000", "--checkpoint", "1i", "--progress", "json", "-o", str(out)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "glpath", *words]
+    with subprocess.Popen(command, env=environment, stderr=unread_pipe, preexec_fn=default_signals) as process:
+        until = time.monotonic() + 60
+        while not out.exists() and time.monotonic() < until:
+            time.sleep(0.05)
+        before = Film.load(out).path_sets
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(60) == RESUME_LATER
+    assert Film.load(out).path_sets >= before > 0
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
+def test_report_stream_waits_for_a_slow_reader() -> None:
+    read, write = os.pipe()
+    text = "".join(f"line {i}: {'x' * 1000}\n" for i in range(300))  # more than a pipe holds
+    parts: list[bytes] = []
+
+    def read_slowly() -> None:
+        while part := os.read(read, 1 << 15):
+            parts.append(part)
+            time.sleep(0.01)
+
+    reader = threading.Thread(target=read_slowly)
+    reader.start()
+    with open(write, "w", encoding="utf-8") as file:
+        print(text, end="", file=report_stream(file), flush=True)
+    reader.join()
+    os.close(read)
+    assert b"".join(parts).decode() == text
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
+def test_report_stream_waits_once_and_writes_again_when_its_pipe_is_read() -> None:
+    read, write = os.pipe()
+    with open(write, "w", encoding="utf-8") as file:
+        stream = report_stream(file)
+        began = time.monotonic()
+        for _ in range(1000):
+            print("x" * 1000, file=stream, flush=True)
+        assert time.monotonic() - began < 10
+        while len(os.read(read, 1 << 16)) == 1 << 16:
+            pass
+        print("after", file=stream, flush=True)
+    assert os.read(read, 1 << 16).endswith(b"after\n")
+    os.close(read)
 
 
 @pytest.mark.parametrize("mode", ["bar", "lines", "json"])

@@ -55,6 +55,11 @@ def test_hung_process_is_ended_though_its_log_is_full() -> None:
     assert done.returncode == -signal.SIGABRT
 
 
+def test_hung_process_is_ended_though_nobody_reads_its_log(unread_pipe: int) -> None:
+    done = subprocess.run([sys.executable, "-c", HANGING, "0.1", "hang"], stderr=unread_pipe, timeout=50)
+    assert done.returncode in (-signal.SIGABRT, -signal.SIGKILL)  # Python's own stack trace may block
+
+
 def test_what_works_or_was_suspended_is_left_alone() -> None:
     command = [sys.executable, "-c", HANGING, "3", "go on"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
@@ -64,6 +69,20 @@ def test_what_works_or_was_suspended_is_left_alone() -> None:
         os.killpg(process.pid, signal.SIGCONT)
         assert process.communicate(timeout=30)[0] == "done\n"
     assert process.returncode == 0
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="Linux reports stopped processes")
+@pytest.mark.parametrize(("then", "code"), [("go on", 0), ("hang", -signal.SIGABRT)])
+def test_stopped_process_hangs_only_after_it_continues(then: str, code: int) -> None:
+    command = [sys.executable, "-c", HANGING, "1.5", then]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        time.sleep(0.7)
+        process.send_signal(signal.SIGSTOP)  # to this process alone, not to its watchdog
+        time.sleep(4.0)
+        assert process.poll() is None
+        process.send_signal(signal.SIGCONT)
+        assert process.communicate(timeout=30)[0] == "done\n"
+    assert process.returncode == code
 
 
 STARVED = """

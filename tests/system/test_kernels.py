@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from glpath.errors import TimeLimitError
 from glpath.io import load_scene
 from glpath.lights.lighting import Lighting
 from glpath.radiosity.solvers import ahead, needed
@@ -25,6 +26,8 @@ from glpath.scene import path_traceable
 from glpath.system import kernel_cache, kernels
 from glpath.system.kernel_cache import _FOLDER as FOLDER
 from glpath.system.kernel_cache import room_stamp
+from glpath.system.time_limit import limited
+from tests.support.clock import Clock
 
 INNER = """
 from typing import NamedTuple
@@ -346,6 +349,26 @@ def test_of_two_processes_one_compiles(tmp_path: Path) -> None:
     assert sorted(err.count("compiling kernels: outer") for _, err in said) == [0, 1]
     assert sorted(err.count("waiting for outer, which another process compiles") for _, err in said) == [0, 1]
     assert not list((tmp_path / "__pycache__" / FOLDER).glob("*.lock"))
+
+
+def test_time_limit_ends_the_wait_for_a_kernel_of_another_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, lock = Clock(monkeypatch), tmp_path / "a.lock"
+    waits: list[str] = []
+
+    def wait() -> None:
+        waits.append("waiting")
+        clock.ahead = 5.0  # the limit of 3 s and its grace are over
+
+    with (
+        kernel_cache._alone(lock, lambda: None),
+        limited(3.0),
+        pytest.raises(TimeLimitError, match="over while waiting for kernels that another process compiles"),
+        kernel_cache._alone(lock, wait),
+    ):
+        pass
+    assert waits == ["waiting"]
 
 
 def test_kernels_are_told_by_name_and_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
