@@ -18,12 +18,12 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from glpath.errors import GlpathError, ImageError
+from glpath.errors import GlpathError, ImageError, UsageError
 
 #: Function that writes a result to the given path.
 Save = Callable[[Path], object]
@@ -360,6 +360,29 @@ def check_writable(path: str | Path) -> None:
         new_file(folder, target).unlink()
     except OSError as error:
         raise ImageError(f"{path}: the folder {folder} cannot be written to: {reason_of(error)}.") from error
+
+
+def check_outputs(paths: Sequence[Path]) -> None:
+    """Raise GlpathError if an output cannot be written, or if two names lead to the same file.
+
+    A name that is given twice is one output.
+    """
+    for index, path in enumerate(paths):
+        check_writable(path)
+        check_separate("-o", path, [other for other in paths[:index] if other != path])
+
+
+def check_separate(option: str, path: Path, outputs: Iterable[Path]) -> None:
+    """Raise UsageError if the file of an option is also an output, which one of the two would replace.
+
+    Pipes and devices may be named several times, except standard output as `-`.
+    """
+    for output in outputs:
+        if str(path) == str(output) == _STDOUT or (not is_stream(path) and real_path(path) == real_path(output)):
+            raise UsageError(
+                f"{option} {path}: is the same file as the output {output}, so one would replace the other.",
+                "Give each a name of its own.",
+            )
 
 
 def new_file(folder: Path, target: Path, mode: int = 0o666) -> Path:

@@ -156,6 +156,44 @@ def test_a_figure_that_fails_in_one_file_is_kept_whole(tmp_path: Path, temporary
     assert (tmp_path / f"{made.report.name}.json").is_file()
 
 
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (("-o", "a.png", "--stats", "a.png"), "--stats a.png"),
+        (("-o", "a.png", "--stats", "link.png"), "--stats link.png"),
+        (("-o", "a.npz", "--stats", "a.npz"), "--stats a.npz"),
+        (("-o", "a.png", "--checkpoint", "1i", "--stats", "a.checkpoint.npz"), "--stats a.checkpoint.npz"),
+        (("-o", "-", "--stats", "-"), "--stats -"),
+        (("-o", "a.png", "-o", "link.png"), "-o link.png"),
+    ],
+)
+def test_two_outputs_in_one_file_are_refused_before_rendering(
+    words: tuple[str, ...], option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(calls, "run_job", lambda *_: pytest.fail("it is rendered"))
+    Path("link.png").symlink_to("a.png")
+    result = run("render", "furnace", *words)
+    assert result.exit_code == 2, result.output
+    assert f"{option}: is the same file as the output" in result.stderr
+    assert os.listdir() == ["link.png"]
+
+
+def test_names_of_one_device_are_separate_outputs(film: Film, tmp_path: Path) -> None:
+    result = run("render", "furnace", "-o", tmp_path / "a.png", "-o", tmp_path / "a.png", "--stats", os.devnull)
+    assert result.exit_code == 0, result.output
+    files.check_outputs([Path(os.devnull), Path("/dev/null")])
+    (tmp_path / "null.png").symlink_to(os.devnull)
+    files.check_outputs([Path(os.devnull), tmp_path / "null.png"])
+
+
+def test_the_checkpoint_of_a_solution_is_no_output(tmp_path: Path) -> None:
+    outputs = ("-o", tmp_path / "a.npz", "-o", tmp_path / "a.checkpoint.npz")
+    result = run("radiosity", "cornell-box-36", *outputs, "--checkpoint", "1i")
+    assert result.exit_code == 2
+    assert "a.checkpoint.npz: is the same file as the output" in result.stderr
+
+
 LIMITED = """
 import sys
 from pathlib import Path
