@@ -496,6 +496,25 @@ def test_a_full_disk_behind_standard_output_is_a_line(command: str) -> None:
     assert done.returncode == 1
 
 
+@pytest.mark.skipif(not FULL.exists(), reason="a device of Linux")
+def test_diff_writes_its_picture_before_standard_output_fails(make_film: MakeFilm, tmp_path: Path) -> None:
+    make_film([(0, 32)]).save(tmp_path / "a.npz")
+    line = [sys.executable, "-m", "glpath", "diff", "a.npz", "a.npz", "-o", "difference.png"]
+    with FULL.open("w") as full:
+        done = subprocess.run(line, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, timeout=120)
+    assert (done.returncode, "standard output: cannot be written" in done.stderr) == (1, True)
+    assert iio.imread(tmp_path / "difference.png").shape == (4, 6, 3)
+
+
+def test_diff_prints_its_numbers_if_its_picture_cannot_be_written(make_film: MakeFilm, tmp_path: Path) -> None:
+    make_film([(0, 32)]).save(tmp_path / "a.npz")
+    result = run("diff", tmp_path / "a.npz", tmp_path / "a.npz", "-o", full(tmp_path, "difference.png"))
+    assert result.exit_code == 1
+    assert "No space left on device" in result.stderr
+    assert "relMSE" in result.stdout
+    assert "wrote" not in result.stdout
+
+
 # A scene from standard input.
 
 
