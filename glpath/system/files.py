@@ -448,6 +448,8 @@ def save_all(
 ) -> tuple[list[Path], ImageError | None]:
     """Write several outputs of one result. If one fails, the others are still written.
 
+    Files are written before pipes and devices, which may block.
+
     saves  : function that writes each output, by path
     rescue : functions that write the whole result, by file name. They write into a temporary folder if no output
              could be written, or if an output with the suffix of such a file failed
@@ -457,9 +459,9 @@ def save_all(
     """
     written: list[Path] = []
     failures: dict[Path, Exception] = {}
-    for path, save in saves.items():
+    for path in sorted(saves, key=is_stream):
         try:
-            save(path)
+            saves[path](path)
             written.append(path)
         except Exception as error:  # also errors of our own, which must not lose the other outputs
             failures[path] = error

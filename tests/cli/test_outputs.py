@@ -433,6 +433,25 @@ def test_a_pipe_gets_the_bytes_of_the_file(make_film: MakeFilm, tmp_path: Path, 
         assert got == expected.read_bytes()
 
 
+@pytest.mark.parametrize("command", [("render", "furnace"), ("export", "furnace")])
+def test_files_are_written_before_a_pipe_that_blocks(film: Film, tmp_path: Path, command: tuple[str, ...]) -> None:
+    names = ("a.png", "b.npz") if command[0] == "render" else ("a.glb", "b.glb")
+    pipe, file = (tmp_path / name for name in names)
+    os.mkfifo(pipe)
+    existed: list[bool] = []
+
+    def read() -> None:
+        with pipe.open("rb") as reader:  # returns when the writer opens the pipe
+            existed.append(file.is_file())
+            reader.read()
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    result = run(*command, "-o", pipe, "-o", file)
+    reader.join(10)
+    assert (result.exit_code, existed) == (0, [True]), result.output
+
+
 def test_a_device_stays_a_device(film: Film, tmp_path: Path) -> None:
     for arguments in (("render", "furnace", "-o", "/dev/null"), ("schema", "-o", "/dev/null")):
         result = run(*arguments)
