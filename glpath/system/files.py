@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from glpath.errors import GlpathError, ImageError, UsageError
+from glpath.system.time_limit import check_time
 
 #: Function that writes a result to the given path.
 Save = Callable[[Path], object]
@@ -78,6 +79,8 @@ MAX_TEXT_BYTES = 2**28
 _MAX_PIPE_BYTES = 2**28
 # Maximum wait for a writer of a named pipe, and interval between checks; seconds.
 _WRITER_S, _LOOK_S = 3.5, 0.02
+# Interval between checks of the time limit while a pipe is silent, milliseconds.
+_SILENCE_MS = 200
 _PART_BYTES = 1 << 20
 # Maximum ratio of a sparse file's size to its data, and size in bytes up to which any file is allowed.
 _HOLES_RATIO, _SMALL_BYTES = 64, 2**26
@@ -158,7 +161,7 @@ def _open(path: str | Path) -> int:
 def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
     """Return all of standard input: a file, a pipe, a socket or a terminal, within the limits of `read_bytes`.
 
-    Waits until it ends. Raises OSError, with the reason as its text.
+    Waits until it ends. Raises OSError, with the reason as its text, and TimeLimitError.
     """
     stream: BinaryIO | None = getattr(sys.stdin, "buffer", None)
     if stream is None:
@@ -201,14 +204,18 @@ def _first_of_pipe(descriptor: int, path: str | Path) -> bytes:
 
 
 def _all_of_stream(descriptor: int, limit: int, first: bytes = b"") -> bytes:
-    """Return `first` and all bytes of a pipe or socket until it has no writer. Raises OSError."""
+    """Return `first` and all bytes of a pipe or socket until it has no writer.
+
+    Raises OSError, and TimeLimitError if the time limit is over before that.
+    """
     limit, content = min(limit, _MAX_PIPE_BYTES), bytearray(first)
     waiting = select.poll() if hasattr(select, "poll") else None  # Windows has none
     if waiting is not None:
         waiting.register(descriptor, select.POLLIN)
     while len(content) <= limit:
-        if waiting is not None:
-            waiting.poll()  # standard input may be non-blocking
+        check_time("reading a pipe")
+        if waiting is not None and not waiting.poll(_SILENCE_MS):
+            continue
         part = os.read(descriptor, _PART_BYTES)
         if not part:
             return bytes(content)

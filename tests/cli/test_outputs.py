@@ -555,6 +555,25 @@ def test_a_mistake_on_standard_input_is_named() -> None:
     assert run("info", "-", "-D", "radiance=1", stdin=SCENE).exit_code == 2
 
 
+@pytest.mark.parametrize("text", [b"", b"film = "])
+@pytest.mark.parametrize("named", [False, True])
+def test_a_silent_pipe_ends_with_the_time_limit(text: bytes, named: bool, tmp_path: Path) -> None:
+    pipe = tmp_path / "scene.toml"
+    os.mkfifo(pipe)
+    with pipe.open("r+b", buffering=0) as writer:
+        writer.write(text)
+        line = [sys.executable, "-m", "glpath", "render", str(pipe) if named else "-", "-o", "a.png"]
+        line += ["--time-limit", "1s"]
+        done = subprocess.run(line, cwd=tmp_path, stdin=writer, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (1, SILENT)
+
+
+SILENT = """\
+glpath: error: --time-limit 1: over while reading a pipe, before there was a result.
+  Give it more time.
+"""
+
+
 def test_a_scene_comes_through_a_pipe(tmp_path: Path) -> None:
     from glpath import load_scene
 
