@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glpath.cli.help import command_help
-from glpath.errors import UsageError
+from glpath.errors import ImageError, UsageError
 from glpath.system.terminal import say, say_json
 
 if TYPE_CHECKING:
@@ -109,9 +109,13 @@ def diff(
     beyond = None
     if fail is not None and failpercent is not None:
         beyond = measured["percent beyond"] = compare.percent_beyond(a, b, fail)
-    full_colour = None
+    full_colour, failure = None, None
     if out is not None:
         picture, full_colour = compare.difference_image(a, b, scale)
+        try:  # before the numbers, because standard output may fail
+            write_png(out, picture, {"Software": "glpath", "glpath.scale": repr(full_colour)})
+        except ImageError as error:
+            failure = error
     if as_json:
         # JSON has neither infinity nor NaN.
         plain = {key: value if math.isfinite(value) else None for key, value in measured.items()}
@@ -125,10 +129,10 @@ def diff(
         if verdict is not None:
             for line in _verdict_lines(verdict, ours.differences_in_making(theirs)):
                 say(line)
-    if out is not None:
-        write_png(out, picture, {"Software": "glpath", "glpath.scale": repr(full_colour)})
-        if not as_json:
-            say(f"wrote {out}; full colour is a relative difference of {full_colour:.3g}")
+    if failure is not None:
+        raise failure
+    if out is not None and not as_json:
+        say(f"wrote {out}; full colour is a relative difference of {full_colour:.3g}")
     reasons = []
     if verdict is not None and not verdict.passed:
         reasons.append(f"not the same by --mode {mode}")

@@ -24,7 +24,7 @@ from glpath.cli.signals import exit_code, result_of
 from glpath.cli.values import check_choice, shard_of, vector
 from glpath.errors import UsageError
 from glpath.io.completed import aside
-from glpath.system.files import Save, check_writable, save_all
+from glpath.system.files import Save, check_outputs, save_all
 from glpath.system.reporting import ProgressEvent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
@@ -233,8 +233,7 @@ def daylight(
     check_shown(shown, texels is not None or from_file, show, weather is not None)
     others = [path for path in out if path not in shown]
     year = year_request(weather, blinds or (), occupied, threshold, ground, hours, others, latitude)
-    for path in out:
-        check_writable(path)
+    check_outputs(out)
     saved = next((path for path in out if path.suffix.lower() == ".npz"), out[0])
     options = {
         "subdivision": subdivision,

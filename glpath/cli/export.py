@@ -12,7 +12,7 @@ from glpath.cli.scene import Parameters, SceneArgument, read_scene, seen
 from glpath.cli.scene_options import OF_SHAPES, with_scene_options
 from glpath.cli.values import resolution as read_resolution
 from glpath.io.export import MAX_DEPTH, SPP, check_export, exported, is_for_mitsuba
-from glpath.system.files import check_writable
+from glpath.system.files import check_outputs, is_stream
 from glpath.system.terminal import say
 
 _FOR_MITSUBA = "With -o FILE.xml"
@@ -74,9 +74,8 @@ def export(
         check_export(path, *settings[path])
     size = None if resolution is None else read_resolution(resolution)
     loaded = seen(read_scene(scene, parameters), size, {})
-    for path in out:
-        check_writable(path)
-    for path in out:
+    check_outputs(out)
+    for path in sorted(out, key=is_stream):  # a pipe may block
         exported(loaded, path, *settings[path])
         if not quiet:
             say(f"wrote {path}", err=True)

@@ -25,7 +25,7 @@ from glpath.cli.scene import Scenes
 from glpath.cli.signals import arrived, exit_code, hold, release
 from glpath.cli.unattended import watched
 from glpath.errors import GlpathError, ImageError, UsageError
-from glpath.system.files import check_writable, save_all, whole_file
+from glpath.system.files import check_outputs, save_all, whole_file
 from glpath.system.locks import Lock
 from glpath.system.reporting import duration
 from glpath.system.terminal import say
@@ -191,7 +191,7 @@ class FramesToRender:
         from glpath import rendering
 
         frames = self.frames
-        check_frames_writable(frames, self.out)
+        check_outputs([*(frames.path(path, frames.first) for path in self.out), *self.movies])
         with contextlib.ExitStack() as held:
             for path in self.out:
                 held.enter_context(Lock(path, "a render of these frames", frames.first, frames.stop))
@@ -250,12 +250,6 @@ class FramesToRender:
     def _tell(self, event: dict[str, Any], line: str) -> None:
         if self.run.mode != "none":
             say(json.dumps(event) if self.run.mode == "json" else line, err=True)
-
-
-def check_frames_writable(frames: Frames, out: Sequence[Path]) -> None:
-    """Raise ImageError if a frame cannot be written."""
-    for path in out:
-        check_writable(frames.path(path, frames.first))
 
 
 def left_to_do(frames: Frames, out: Sequence[Path], resume: bool) -> list[int]:

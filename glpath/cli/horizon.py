@@ -13,7 +13,7 @@ from glpath.cli.completion import words
 from glpath.cli.help import command_help
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError
-from glpath.system.files import Save, check_writable, save_all
+from glpath.system.files import Save, check_outputs, save_all
 from glpath.system.numerals import real, whole
 from glpath.system.reporting import MODES, duration, reporting
 from glpath.system.terminal import say
@@ -134,7 +134,7 @@ def horizon(
     check_choice("--progress", progress, MODES)
     for path in out:
         check_kind(path, points is not None, () if points is not None else (".png",))
-        check_writable(path)
+    check_outputs(out)
     if any(path.suffix.lower() == ".png" for path in out):
         from glpath.film.charts import require_matplotlib
 

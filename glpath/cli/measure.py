@@ -33,7 +33,7 @@ from glpath.film.image import luminance
 from glpath.film.units import EFFICACY, conversion
 from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
-from glpath.system.files import Save, check_writable, is_stream, save_all
+from glpath.system.files import Save, check_outputs, is_stream, save_all
 from glpath.system.reporting import duration
 
 if TYPE_CHECKING:
@@ -218,8 +218,7 @@ def measure(
         assert points is not None, "asked above"
         at = read_points(points, vector("--normal", normal))
     check_within(at, loaded, f"--plane {plane}" if plane is not None else f"--points {points}")
-    for path in out:
-        check_writable(path)
+    check_outputs(out)
 
     def start(run: RunOptions) -> Film:
         from glpath.rendering.points import irradiance

@@ -15,7 +15,7 @@ from glpath.cli.picture import NO_DENOISER, DenoiseOption, ExposureOption, Pictu
 from glpath.cli.run_request import RunRequest
 from glpath.errors import UsageError, warn
 from glpath.film.aovs import guides_denoiser
-from glpath.system.files import check_writable, save_all
+from glpath.system.files import check_outputs, save_all
 from glpath.system.reporting import percent
 from glpath.system.terminal import say
 
@@ -71,7 +71,7 @@ def merge(
 
     for path in out:
         check_suffix(path)
-        check_writable(path)
+    check_outputs(out)
     if films and is_coefficients(films[0]):
         _merge_coefficients(films, out, run, pictured=exposure is not None or denoise is not None)
         return

@@ -222,7 +222,7 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
     if cast and lost is not None:
         yield f"  {percent(lost / cast)} of the rays lost to others in their cell (weighed up, no bias)"
     for purpose, count in m.statistics.get("intersection_tests", {}).items():
-        yield f"  {_TESTS[purpose]}: {_million(count)} intersection tests"
+        yield f"  {_TESTS.get(purpose, purpose)}: {_million(count)} intersection tests"
     verdict = picture.verdict(film, stops)
     if verdict is not None:
         yield f"  {verdict}"

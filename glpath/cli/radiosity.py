@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -22,7 +22,7 @@ from glpath.cli.unattended import SOLVING, check_absent, left_in, watched
 from glpath.errors import ImageError, UsageError
 from glpath.film.choices import TIME_LIMIT
 from glpath.io.completed import aside
-from glpath.system.files import check_writable, save_all, short_name
+from glpath.system.files import check_outputs, check_separate, check_writable, save_all, short_name
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
@@ -177,9 +177,8 @@ def radiosity(
         _check_solved(context, radiosity)
     with nullcontext() if check else aside("camera"):
         loaded = read_scene(scene, parameters)
-    for path in out:
-        check_writable(path)
-    checkpoint = _checkpoint(out[0], run)
+    check_outputs(out)
+    checkpoint = _checkpoint(out, run)
     if adaptive is None and baked and method == "progressive":
         adaptive = 2
     options: dict[str, Any] = {
@@ -215,14 +214,15 @@ def radiosity(
         say(json.dumps(found.recorded()) if run.progress == "json" else str(found), err=True)
 
 
-def _checkpoint(out: Path, run: RunRequest) -> SolverCheckpoint | None:
-    """Return the requested checkpoint, or None. Raises ImageError if it cannot be written."""
+def _checkpoint(out: Sequence[Path], run: RunRequest) -> SolverCheckpoint | None:
+    """Return the requested checkpoint, or None. Raises GlpathError if it cannot be written or is an output."""
     from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
 
     if not run.keeps:
         return None
-    path = out.with_name(short_name("", out.stem, ".checkpoint.npz"))
+    path = out[0].with_name(short_name("", out[0].stem, ".checkpoint.npz"))
     check_writable(path)
+    check_separate("--checkpoint", path, out)
     return SolverCheckpoint(path, *run.interval)
 
 

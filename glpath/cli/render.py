@@ -30,7 +30,7 @@ from glpath.errors import UsageError
 from glpath.film.aovs import DENOISER_AOVS, guides_denoiser
 from glpath.integrators.by_name import AUTO, Integrator
 from glpath.rendering.options import default_spp_text
-from glpath.system.files import check_writable
+from glpath.system.files import check_outputs
 
 _INTEGRATORS = get_args(Integrator)
 
@@ -226,11 +226,11 @@ def render(
                 f"Make the job with aovs={DENOISER_AOVS!r}.",
             )
         start, spp = running.of_file(asked), asked.spp
-    for path in out if many is None else []:
-        check_writable(path)
-        if str(path) == "-" and sys.stdout.isatty():
+    if many is None:
+        check_outputs(out)
+        if Path("-") in out and sys.stdout.isatty():
             raise UsageError("-o -: a PNG is no text for a terminal.", "Send it on, e.g. -o - > a.png.")
-    if many is not None:
+    else:
         options = {"integrator": asked.integrator, "spp": asked.spp}
         FramesToRender(many, out, movies, fps, picture, run).render(loaded, scenes, options)
         return

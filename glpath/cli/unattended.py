@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from glpath.errors import GlpathError, UsageError
-from glpath.system.files import check_writable
+from glpath.system.files import check_separate, check_writable
 
 if TYPE_CHECKING:
     from glpath.cli.run_request import RunRequest
@@ -35,11 +35,14 @@ def checkpointed(
     """
     from glpath.jobs.checkpoint import Checkpoint, checkpoint_path
 
-    if not run.keeps:
+    path = checkpoint_path(out, films) if run.keeps else None
+    if run.stats is not None:
+        check_separate("--stats", run.stats, out if path is None else [*out, path])
+    if path is None:
         yield None, None
         return
-    path = checkpoint_path(out, films)
     check_writable(path)
+    check_separate("--checkpoint", path, [output for output in out if output != path])
     with Checkpoint(path, *run.interval) as checkpoint:
         if not run.resume:
             check_absent(path)

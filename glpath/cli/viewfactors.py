@@ -19,7 +19,7 @@ from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import exit_code, result_of
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError
-from glpath.system.files import check_writable, is_stream, rescued, save_all
+from glpath.system.files import check_outputs, is_stream, rescued, save_all
 from glpath.system.reporting import ProgressEvent, duration, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
@@ -114,8 +114,7 @@ def viewfactors(
     if parameters or groups == "shapes" or file.suffix.lower() not in FORMATS:
         with geometry_alone():
             faces = read_scene(scene, parameters)
-    for path in out:
-        check_writable(path)
+    check_outputs(out)
     part = out[0].with_name(out[0].name + ".part") if run.resume else None
 
     def compute() -> ViewFactors:

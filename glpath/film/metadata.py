@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from types import UnionType
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 from glpath.errors import UsageError
 from glpath.film.aovs import AOVS, ID_AOVS, sums_of
@@ -24,6 +24,9 @@ _METADATA_TYPES: dict[str, type | UnionType] = {
     "settings versions statistics": dict,
     "error_bound solution_error": int | float | None,
 }
+# Statistics that are counts or times, and those that are mappings to counts or times.
+_COUNTS = ("paths_cast", "paths_lost", "paths_cut", "dropped_samples", "radiosity_s")
+_COUNTS_BY_NAME = ("stage_ms", "intersection_tests")
 # Fields that must be equal for merging, with their names in messages; settings are compared by name.
 _DECIDES = {
     "scene_hash": "scene",
@@ -159,7 +162,8 @@ def metadata_of(text: str) -> FilmMetadata:
     metadata = FilmMetadata(**{key: value for key, value in stored.items() if key in known})
     for names, kinds in _METADATA_TYPES.items():
         for name in names.split():
-            if not isinstance(getattr(metadata, name), kinds):
+            value = getattr(metadata, name)
+            if not isinstance(value, kinds) or isinstance(value, bool) != (kinds is bool):
                 raise ValueError(f"{name} in its metadata is {shown(getattr(metadata, name))}")
     if metadata.aovs != tuple(name for name in AOVS if name in metadata.aovs):
         raise ValueError(f"its AOVs are {shown(metadata.aovs)}, expected some of {', '.join(AOVS)}")
@@ -171,19 +175,20 @@ def metadata_of(text: str) -> FilmMetadata:
         raise ValueError(error.message) from error
     if metadata.unit not in ("", *UNITS):
         raise ValueError(f"its unit is {shown(metadata.unit)}, expected one of {', '.join(UNITS)}")
-    for name in ("error_bound", "solution_error"):
+    for name in ("elapsed_s", "error_bound", "solution_error"):
         value = getattr(metadata, name)
-        if value is not None and not 0 <= value < 1e300:
+        if value is not None and not _is_count(value):
             raise ValueError(f"{name} in its metadata is {shown(value)}, expected a number from 0 on")
     texts = all(isinstance(version, str) for version in metadata.versions.values())
-    if not (texts and _plain_values(metadata.statistics) and _plain_values(metadata.elapsed_s)):
+    if not (texts and _plain_values(metadata.statistics)):
         raise ValueError("its statistics or versions are of no type that adds up")
+    _check_counts(metadata.statistics)
     for name in (BIAS_PROBE, REJECTED_GATHER):
         if name in metadata.statistics:
             check_probe(metadata.statistics[name])
     _check_names(metadata)
     origin = metadata.position_origin
-    if origin is not None and not (len(origin) == 3 and all(isinstance(x, int | float) for x in origin)):
+    if origin is not None and not (len(origin) == 3 and all(map(_is_number, origin))):
         raise ValueError(f"its position_origin is {shown(origin)}")
     sizes = (*metadata.full_resolution, *metadata.window)
     if [len(metadata.full_resolution), len(metadata.window)] != [2, 4] or not all(type(n) is int for n in sizes):
@@ -192,6 +197,24 @@ def metadata_of(text: str) -> FilmMetadata:
     if not (0 <= x < x + w <= width <= _MAX_SIDE and 0 <= y < y + h <= height <= _MAX_SIDE):
         raise ValueError(f"its window {metadata.window} is not within its resolution {metadata.full_resolution}")
     return metadata
+
+
+def _check_counts(statistics: Mapping[str, Any]) -> None:
+    """Raise ValueError if a count or a time in the statistics is negative or no number."""
+    for name in (*_COUNTS, *_COUNTS_BY_NAME):
+        value = statistics.get(name, {} if name in _COUNTS_BY_NAME else 0)
+        by_name = value if name in _COUNTS_BY_NAME else {name: value}
+        if not isinstance(by_name, Mapping) or not all(map(_is_count, by_name.values())):
+            raise ValueError(f"{name} in its statistics is {shown(value)}, expected numbers from 0 on")
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    """Return True for a finite number, which JSON's true and false are not."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
+def _is_count(value: object) -> bool:
+    return _is_number(value) and value >= 0
 
 
 def _check_names(metadata: FilmMetadata) -> None:

@@ -18,12 +18,13 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from glpath.errors import GlpathError, ImageError
+from glpath.errors import GlpathError, ImageError, UsageError
+from glpath.system.time_limit import check_time
 
 #: Function that writes a result to the given path.
 Save = Callable[[Path], object]
@@ -80,6 +81,8 @@ _MAX_PIPE_BYTES = 2**28
 _WRITER_S = 3.5
 # Interval between checks for such a writer, seconds.
 _LOOK_S = 0.02
+# Interval between checks of the time limit while a pipe is silent, milliseconds.
+_SILENCE_MS = 200
 _PART_BYTES = 1 << 20
 # Maximum ratio of a sparse file's size to its data.
 _HOLES_RATIO = 64
@@ -162,7 +165,7 @@ def _open(path: str | Path) -> int:
 def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
     """Return all of standard input: a file, a pipe, a socket or a terminal, within the limits of `read_bytes`.
 
-    Waits until it ends. Raises OSError, with the reason as its text.
+    Waits until it ends. Raises OSError, with the reason as its text, and TimeLimitError.
     """
     stream: BinaryIO | None = getattr(sys.stdin, "buffer", None)
     if stream is None:
@@ -205,14 +208,18 @@ def _first_of_pipe(descriptor: int, path: str | Path) -> bytes:
 
 
 def _all_of_stream(descriptor: int, limit: int, first: bytes = b"") -> bytes:
-    """Return `first` and all bytes of a pipe or socket until it has no writer. Raises OSError."""
+    """Return `first` and all bytes of a pipe or socket until it has no writer.
+
+    Raises OSError, and TimeLimitError if the time limit is over before that.
+    """
     limit, content = min(limit, _MAX_PIPE_BYTES), bytearray(first)
     waiting = select.poll() if hasattr(select, "poll") else None  # Windows has none
     if waiting is not None:
         waiting.register(descriptor, select.POLLIN)
     while len(content) <= limit:
-        if waiting is not None:
-            waiting.poll()  # standard input may be non-blocking
+        check_time("reading a pipe")
+        if waiting is not None and not waiting.poll(_SILENCE_MS):
+            continue
         part = os.read(descriptor, _PART_BYTES)
         if not part:
             return bytes(content)
@@ -366,6 +373,29 @@ def check_writable(path: str | Path) -> None:
         raise ImageError(f"{path}: the folder {folder} cannot be written to: {reason_of(error)}.") from error
 
 
+def check_outputs(paths: Sequence[Path]) -> None:
+    """Raise GlpathError if an output cannot be written, or if two names lead to the same file.
+
+    A name that is given twice is one output.
+    """
+    for index, path in enumerate(paths):
+        check_writable(path)
+        check_separate("-o", path, [other for other in paths[:index] if other != path])
+
+
+def check_separate(option: str, path: Path, outputs: Iterable[Path]) -> None:
+    """Raise UsageError if the file of an option is also an output, which one of the two would replace.
+
+    Pipes and devices may be named several times, except standard output as `-`.
+    """
+    for output in outputs:
+        if str(path) == str(output) == _STDOUT or (not is_stream(path) and real_path(path) == real_path(output)):
+            raise UsageError(
+                f"{option} {path}: is the same file as the output {output}, so one would replace the other.",
+                "Give each a name of its own.",
+            )
+
+
 def new_file(folder: Path, target: Path, mode: int = 0o666) -> Path:
     """Create an empty file in `folder` for the content of `target`, and return its path. Raises OSError.
 
@@ -429,6 +459,8 @@ def save_all(
 ) -> tuple[list[Path], ImageError | None]:
     """Write several outputs of one result. If one fails, the others are still written.
 
+    Files are written before pipes and devices, which may block.
+
     saves  : function that writes each output, by path
     rescue : functions that write the whole result, by file name. They write into a temporary folder if no output
              could be written, or if an output with the suffix of such a file failed
@@ -438,9 +470,9 @@ def save_all(
     """
     written: list[Path] = []
     failures: dict[Path, Exception] = {}
-    for path, save in saves.items():
+    for path in sorted(saves, key=is_stream):
         try:
-            save(path)
+            saves[path](path)
             written.append(path)
         except Exception as error:  # also errors of our own, which must not lose the other outputs
             failures[path] = error

@@ -31,6 +31,9 @@ _os = posix_module("posix")
 GRACE = 1.0
 #: Fraction of the remaining time that `part_of_time` grants.
 PART = 0.5
+# Maximum difference between the age of this process and its processor time, seconds. A larger age is that of a
+# shell that waited before it became this program by exec, which keeps the start of a process.
+_MAX_IDLE = 2.0
 
 
 @dataclass
@@ -67,14 +70,17 @@ def command_clock() -> Iterator[None]:
 
 
 def _process_age() -> float:
-    """Return the seconds since this process started; 0 if the system does not report it."""
+    """Return the seconds since this process started, at most its processor time plus `_MAX_IDLE`.
+
+    0 if the system does not report it.
+    """
     try:
         fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
         assert _os is not None, "there is a /proc"
         age: float = time.clock_gettime(time.CLOCK_BOOTTIME) - int(fields[19]) / _os.sysconf("SC_CLK_TCK")
     except (OSError, ValueError, IndexError, AttributeError, AssertionError):
         return 0.0
-    return max(0.0, age)
+    return min(max(0.0, age), time.process_time() + _MAX_IDLE)
 
 
 def check_time_limit(seconds: object) -> None:

@@ -156,6 +156,44 @@ def test_a_figure_that_fails_in_one_file_is_kept_whole(tmp_path: Path, temporary
     assert (tmp_path / f"{made.report.name}.json").is_file()
 
 
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (("-o", "a.png", "--stats", "a.png"), "--stats a.png"),
+        (("-o", "a.png", "--stats", "link.png"), "--stats link.png"),
+        (("-o", "a.npz", "--stats", "a.npz"), "--stats a.npz"),
+        (("-o", "a.png", "--checkpoint", "1i", "--stats", "a.checkpoint.npz"), "--stats a.checkpoint.npz"),
+        (("-o", "-", "--stats", "-"), "--stats -"),
+        (("-o", "a.png", "-o", "link.png"), "-o link.png"),
+    ],
+)
+def test_two_outputs_in_one_file_are_refused_before_rendering(
+    words: tuple[str, ...], option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(calls, "run_job", lambda *_: pytest.fail("it is rendered"))
+    Path("link.png").symlink_to("a.png")
+    result = run("render", "furnace", *words)
+    assert result.exit_code == 2, result.output
+    assert f"{option}: is the same file as the output" in result.stderr
+    assert os.listdir() == ["link.png"]
+
+
+def test_names_of_one_device_are_separate_outputs(film: Film, tmp_path: Path) -> None:
+    result = run("render", "furnace", "-o", tmp_path / "a.png", "-o", tmp_path / "a.png", "--stats", os.devnull)
+    assert result.exit_code == 0, result.output
+    files.check_outputs([Path(os.devnull), Path("/dev/null")])
+    (tmp_path / "null.png").symlink_to(os.devnull)
+    files.check_outputs([Path(os.devnull), tmp_path / "null.png"])
+
+
+def test_the_checkpoint_of_a_solution_is_no_output(tmp_path: Path) -> None:
+    outputs = ("-o", tmp_path / "a.npz", "-o", tmp_path / "a.checkpoint.npz")
+    result = run("radiosity", "cornell-box-36", *outputs, "--checkpoint", "1i")
+    assert result.exit_code == 2
+    assert "a.checkpoint.npz: is the same file as the output" in result.stderr
+
+
 LIMITED = """
 import sys
 from pathlib import Path
@@ -395,6 +433,25 @@ def test_a_pipe_gets_the_bytes_of_the_file(make_film: MakeFilm, tmp_path: Path, 
         assert got == expected.read_bytes()
 
 
+@pytest.mark.parametrize("command", [("render", "furnace"), ("export", "furnace")])
+def test_files_are_written_before_a_pipe_that_blocks(film: Film, tmp_path: Path, command: tuple[str, ...]) -> None:
+    names = ("a.png", "b.npz") if command[0] == "render" else ("a.glb", "b.glb")
+    pipe, file = (tmp_path / name for name in names)
+    os.mkfifo(pipe)
+    existed: list[bool] = []
+
+    def read() -> None:
+        with pipe.open("rb") as reader:  # returns when the writer opens the pipe
+            existed.append(file.is_file())
+            reader.read()
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    result = run(*command, "-o", pipe, "-o", file)
+    reader.join(10)
+    assert (result.exit_code, existed) == (0, [True]), result.output
+
+
 def test_a_device_stays_a_device(film: Film, tmp_path: Path) -> None:
     for arguments in (("render", "furnace", "-o", "/dev/null"), ("schema", "-o", "/dev/null")):
         result = run(*arguments)
@@ -458,6 +515,25 @@ def test_a_full_disk_behind_standard_output_is_a_line(command: str) -> None:
     assert done.returncode == 1
 
 
+@pytest.mark.skipif(not FULL.exists(), reason="a device of Linux")
+def test_diff_writes_its_picture_before_standard_output_fails(make_film: MakeFilm, tmp_path: Path) -> None:
+    make_film([(0, 32)]).save(tmp_path / "a.npz")
+    line = [sys.executable, "-m", "glpath", "diff", "a.npz", "a.npz", "-o", "difference.png"]
+    with FULL.open("w") as full:
+        done = subprocess.run(line, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, timeout=120)
+    assert (done.returncode, "standard output: cannot be written" in done.stderr) == (1, True)
+    assert iio.imread(tmp_path / "difference.png").shape == (4, 6, 3)
+
+
+def test_diff_prints_its_numbers_if_its_picture_cannot_be_written(make_film: MakeFilm, tmp_path: Path) -> None:
+    make_film([(0, 32)]).save(tmp_path / "a.npz")
+    result = run("diff", tmp_path / "a.npz", tmp_path / "a.npz", "-o", full(tmp_path, "difference.png"))
+    assert result.exit_code == 1
+    assert "No space left on device" in result.stderr
+    assert "relMSE" in result.stdout
+    assert "wrote" not in result.stdout
+
+
 # A scene from standard input.
 
 
@@ -477,6 +553,25 @@ def test_a_mistake_on_standard_input_is_named() -> None:
     assert (result.exit_code, result.stderr[:37]) == (1, "glpath: error: standard input: line 1")
     assert "is not UTF-8 text" in run("validate", "-", stdin=b"\xff\xfe").output
     assert run("info", "-", "-D", "radiance=1", stdin=SCENE).exit_code == 2
+
+
+@pytest.mark.parametrize("text", [b"", b"film = "])
+@pytest.mark.parametrize("named", [False, True])
+def test_a_silent_pipe_ends_with_the_time_limit(text: bytes, named: bool, tmp_path: Path) -> None:
+    pipe = tmp_path / "scene.toml"
+    os.mkfifo(pipe)
+    with pipe.open("r+b", buffering=0) as writer:
+        writer.write(text)
+        line = [sys.executable, "-m", "glpath", "render", str(pipe) if named else "-", "-o", "a.png"]
+        line += ["--time-limit", "1s"]
+        done = subprocess.run(line, cwd=tmp_path, stdin=writer, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (1, SILENT)
+
+
+SILENT = """\
+glpath: error: --time-limit 1: over while reading a pipe, before there was a result.
+  Give it more time.
+"""
 
 
 def test_a_scene_comes_through_a_pipe(tmp_path: Path) -> None:

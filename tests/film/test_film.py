@@ -271,6 +271,33 @@ def test_an_error_that_is_none_is_refused(name: str, error: float, make_film: Ma
         metadata_of(text)
 
 
+@pytest.mark.parametrize("value", ["-1", "-0.001", "true", "NaN", "Infinity", "1e400", '"1"', "null"])
+def test_a_time_that_is_none_is_refused(value: str, make_film: MakeFilm) -> None:
+    text = json.dumps(asdict(make_film([]).metadata))
+    assert '"elapsed_s": 1.5' in text
+    with pytest.raises(ValueError, match="metadata"):
+        metadata_of(text.replace('"elapsed_s": 1.5', f'"elapsed_s": {value}'))
+
+
+@pytest.mark.parametrize(
+    "field",
+    [
+        {"seed": True},
+        {"max_depth": True},
+        {"error_bound": False},
+        {"position_origin": [0, 0, True]},
+        {"position_origin": [0, 0, 10**400]},
+        *({"statistics": {"paths_cast": value}} for value in (-1, True, "1", [1])),
+        *({"statistics": {"stage_ms": value}} for value in (1, {"paths": -1}, {"paths": "1"})),
+    ],
+)
+def test_a_number_that_is_none_is_refused(field: dict[str, object], make_film: MakeFilm) -> None:
+    metadata = asdict(make_film([]).metadata)
+    metadata_of(json.dumps(metadata | {"statistics": {"paths_cast": 3, "stage_ms": {"paths": 0.5}}}))
+    with pytest.raises(ValueError, match=next(iter(field))):
+        metadata_of(json.dumps(metadata | field))
+
+
 def test_an_8_bit_picture_says_its_exposure_which_is_what_was_asked_or_the_scene_s_or_auto(
     make_film: MakeFilm, tmp_path
 ) -> None:

@@ -143,6 +143,17 @@ def test_a_command_s_limit_counts_from_the_start_of_its_process() -> None:
     assert 0 < left < 99.45
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell when a process began")
+def test_waiting_of_a_shell_before_exec_is_not_counted() -> None:
+    code = (
+        "from glpath.system.time_limit import command_clock, limited, seconds_left\n"
+        "with command_clock(), limited(100): print(seconds_left())"
+    )
+    command = ["bash", "-c", 'sleep 5; exec "$@"', "bash", sys.executable, "-c", code]
+    left = float(subprocess.run(command, capture_output=True, check=True, text=True).stdout)
+    assert 95 < left < 100
+
+
 def test_a_compilation_ends_between_its_passes(clock: Clock) -> None:
     numba = pytest.importorskip("numba")
     import glpath.system.kernels  # noqa: F401, registers what looks at the time

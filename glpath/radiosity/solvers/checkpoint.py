@@ -13,6 +13,7 @@ Cost:     48 bytes per element and 72 per patch for each write.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,7 +85,10 @@ class SolverCheckpoint(CheckpointFile):
                     f"{self.path}: cannot be resumed from: {'; '.join(words)}.",
                     "Ask for what it was made with; or remove it, and the solver begins anew.",
                 )
-            self.elapsed_s = float(stored.read("elapsed_s", "f", ()))
+            elapsed_s = float(stored.read("elapsed_s", "f", ()))
+            if not 0 <= elapsed_s < math.inf:
+                raise ValueError(f"elapsed_s is {elapsed_s:g}, expected a finite number from 0 on")
+            self.elapsed_s = elapsed_s
             solver.restore({name: stored.read(name, "iufb") for name in solver.state()})
         return True
 

@@ -135,6 +135,15 @@ def test_the_time_before_a_checkpoint_counts(
     assert second.statistics["elapsed_s"] > first.statistics["elapsed_s"]
 
 
+@pytest.mark.parametrize("elapsed_s", [-1.0, np.nan, np.inf])
+def test_a_checkpoint_whose_time_is_none_is_refused(elapsed_s: float, tmp_path: Path) -> None:
+    path = tmp_path / "s.npz"
+    solve_radiosity(BOX, checkpoint=SolverCheckpoint(path, steps=1), **METHODS[0], max_steps=2)
+    np.savez(path, **{**np.load(path), "elapsed_s": np.float64(elapsed_s)})
+    with pytest.raises(glpath.GlpathError, match=r"s\.npz: cannot be read .*elapsed_s is"):
+        solve_radiosity(BOX, checkpoint=SolverCheckpoint(path), **METHODS[0], max_steps=2)
+
+
 def late_from(clock: Clock, stage: str, is_late: Callable[[glpath.RadiosityProgress], bool]) -> Any:
     """Report that moves the clock beyond all limits and their grace, if progress of the stage `is_late`."""
 
