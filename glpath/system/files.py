@@ -24,7 +24,10 @@ from pathlib import Path
 from typing import BinaryIO
 
 from glpath.errors import GlpathError, ImageError, UsageError
+from glpath.system.machine import posix_module
 from glpath.system.time_limit import check_time
+
+_fcntl = posix_module("fcntl")
 
 #: Function that writes a result to the given path.
 Save = Callable[[Path], object]
@@ -283,6 +286,7 @@ def _beside(path: str | Path) -> Iterator[Path]:
         raise OSError(f"it is {kind}")
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = new_file(target.parent, target)
+    descriptor = _locked(temporary)
     try:
         yield temporary
         with temporary.open("r+b") as written:  # "r+", because Windows cannot flush a file opened for reading
@@ -293,6 +297,27 @@ def _beside(path: str | Path) -> Iterator[Path]:
         # Ignore errors here, so that the first error is reported. The folder may be removed or read-only.
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _locked(path: Path) -> int | None:
+    """Lock a temporary file and return its open descriptor; None if another process has locked it.
+
+    The kernel releases the lock when the process ends for any reason. None, too, on Windows and for file systems
+    that have no locks.
+    """
+    if _fcntl is None:
+        return None
+    with suppress(OSError):
+        descriptor = open_without_links(path, os.O_RDWR)
+        try:
+            _fcntl.flock(descriptor, _fcntl.LOCK_EX | _fcntl.LOCK_NB)
+        except OSError:
+            os.close(descriptor)
+        else:
+            return descriptor
+    return None
 
 
 def _sync_folder(folder: Path) -> None:
@@ -311,13 +336,17 @@ def _sync_folder(folder: Path) -> None:
 
 
 def remove_parts(path: str | Path) -> None:
-    """Remove temporary files that killed processes left while writing `path`; only for files with one writer."""
+    """Remove temporary files that killed processes left while writing `path`.
+
+    Files that a process still writes are locked, and stay; so do all where locks do not exist.
+    """
     target = real_path(path)
     before, after = _part_name(target, _NO_TOKEN).split(_NO_TOKEN)
     left = re.compile(re.escape(before) + "[0-9a-f]{8}" + re.escape(after))
     with suppress(OSError):
         for entry in list(target.parent.iterdir()):
-            if left.fullmatch(entry.name):
+            if left.fullmatch(entry.name) and (descriptor := _locked(entry)) is not None:
+                os.close(descriptor)
                 entry.unlink(missing_ok=True)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import imageio.v3 as iio
@@ -304,6 +306,17 @@ def test_a_name_of_the_longest_kind_is_written(name: str, tmp_path: Path) -> Non
     assert {file.read_bytes() for file in tmp_path.iterdir() if file.suffix != ".lock"} == {b"whole"}
     assert len([file for file in tmp_path.iterdir() if file.suffix != ".lock"]) == 2
     assert checkpoint != checkpoint_path([tmp_path / f"{name[:-1]}b.png"])
+
+
+def test_a_part_that_is_being_written_is_not_removed(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    left = files.new_file(tmp_path, path)
+    with files.whole_file(path) as temporary:
+        code = "import sys; from glpath.system.files import remove_parts; remove_parts(sys.argv[1])"
+        subprocess.run([sys.executable, "-c", code, str(path)], check=True)
+        assert (left.exists(), temporary.exists()) == (False, True)
+        temporary.write_bytes(b"whole")
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == {"a.npz": b"whole"}
 
 
 def test_a_relative_output_in_a_deleted_folder_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
