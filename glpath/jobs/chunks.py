@@ -70,12 +70,14 @@ class Chunks:
     cut_at  : function that returns True if a chunk must end at this number of path sets of the job, because a stop
               rule checks the film there
     held    : number of finished path sets at the start, which count for `cut_at`
+    first   : size of chunks until the time of a path set is known
     """
 
     missing: Iterable[Range]
     seconds: float
     cut_at: Callable[[int], bool] = lambda count: False
     held: int = 0
+    first: int = BLOCK
     out: list[Chunk] = field(default_factory=list)
     failed: list[Chunk] = field(default_factory=list)
     _left: deque[Range] = field(default_factory=deque)
@@ -116,7 +118,7 @@ class Chunks:
 
     def _size(self, workers: int) -> int:
         if not self._seconds_each:
-            return BLOCK
+            return self.first
         # Chunks are longer with more workers, so that merging takes at most half of this process's time.
         cost = statistics.median(self._costs) if self._costs else 0.0
         fitting = max(self.seconds, 2.0 * workers * cost) / max(statistics.median(self._seconds_each), 1e-9)

@@ -48,6 +48,7 @@ from glpath.rendering.session import begin, checked_plan, describe_plan, metadat
 from glpath.rendering.stopping import looked_at
 from glpath.scene import Scene
 from glpath.system.heartbeat import heartbeat
+from glpath.system.time_limit import check_time, seconds_left
 
 log = logging.getLogger("glpath")
 
@@ -94,6 +95,7 @@ class Cluster(Connection):
         ------
         ChunksFailedError : if path sets fail on several workers; its film has all other path sets
         ContextError : if the scheduler is gone; the film of the last `on_step` has all merged path sets
+        TimeLimitError : if no path set is rendered within `time_limit`
         RenderInterrupted : on Ctrl-C, with the film of all merged path sets
 
         Other errors are those of `glpath.rendering.run`.
@@ -184,6 +186,7 @@ class _Render:
             self.cluster.chunk_seconds,
             partial(looked_at, self.clock.options),
             film.path_sets,
+            first=BLOCK if seconds_left() == math.inf else 1,  # a block may take longer than the time limit
         )
         with interrupt_as_flag() as interrupted:
             try:
@@ -235,9 +238,12 @@ class _Render:
                 return rule
 
     def _ended(self) -> str:
+        """Return the rule that ends the render, or "". Raises TimeLimitError if no worker is done in time."""
         film = self.clock.film
-        at_block = all(stop % BLOCK == 0 for _, stop in film.ranges)
-        return self.clock.ended(at_block) if film.path_sets else ""
+        if not film.path_sets:
+            check_time("workers render the first path sets")
+            return ""
+        return self.clock.ended(all(stop % BLOCK == 0 for _, stop in film.ranges))
 
     def _hand_out(self, chunks: Chunks) -> None:
         """Give each worker a chunk to render and one in reserve. Give a late chunk also to an idle worker."""

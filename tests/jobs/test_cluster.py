@@ -29,7 +29,7 @@ from typer.testing import CliRunner
 
 import glpath
 from glpath.cli.main import app
-from glpath.errors import ContextError, UsageError
+from glpath.errors import ContextError, TimeLimitError, UsageError
 from glpath.film.batches import BLOCK
 from glpath.film.film import Film
 from glpath.jobs import cluster as clusters
@@ -40,6 +40,7 @@ from glpath.rendering import RenderJob, run, session
 from glpath.rendering.factory import plan_of
 from glpath.rendering.resume import AnotherRenderError
 from glpath.sensors.sensor import PointSensor
+from glpath.system.time_limit import limited
 from tests.support import killing
 from tests.support.engines import with_depth
 from tests.support.films import same
@@ -130,11 +131,38 @@ def test_noise_ends_it_where_it_ends_one_process(workers):
 
 def test_a_time_limit_is_of_this_clock(workers):
     began = time.monotonic()
-    film = render_on(workers, job_of(1 << 20), time_limit=1.0, chunk_seconds=0.1)
+    film = render_on(workers, job_of(1 << 20), time_limit=10.0, chunk_seconds=0.1)
     took = time.monotonic() - began
     assert film.metadata.stop_rule == "time limit"
     assert film.metadata.elapsed_s < took < 30
     assert same(film, run(replace(job_of(1), path_sets=film.ranges[0]))) or len(film.ranges) > 1
+
+
+def test_time_limit_ends_a_render_whose_workers_finish_nothing():
+    client = SimpleNamespace(submit=lambda *_, **__: Submitted())
+    cluster = SimpleNamespace(
+        client=client, workers=lambda: ["a"], address="played", connected=True, check=lambda: None
+    )
+    film = SimpleNamespace(path_sets=0, ranges=())
+    clock = SimpleNamespace(film=film, options=SimpleNamespace(noise=None, clean=None))
+    render = clusters._Render(cluster, SimpleNamespace(token="0" * 8), clock)
+    began = time.monotonic()
+    with limited(0.01), pytest.raises(TimeLimitError, match="over while workers render the first path sets"):
+        render._fill(Chunks([(0, 64)], 1.0), False)
+    assert time.monotonic() - began < 10
+
+
+def test_first_chunks_of_a_render_with_a_time_limit_are_single_path_sets(workers, monkeypatch):
+    sizes = []
+    submit = clusters._Render._submit
+
+    def submit_and_count(render, chunk, worker):
+        sizes.append(chunk.count)
+        submit(render, chunk, worker)
+
+    monkeypatch.setattr(clusters._Render, "_submit", submit_and_count)
+    assert same(render_on(workers, job_of(24), time_limit=1000.0), run(job_of(24)))
+    assert sizes[:2] == [1, 1]
 
 
 def test_it_goes_on_with_a_film_and_with_no_other(workers):
