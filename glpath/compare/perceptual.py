@@ -31,6 +31,8 @@ MEAN = 0.01
 LOCAL = 0.1
 #: Default number of pixels per degree of view, that of a 4K screen of 70 cm seen from 70 cm.
 PPD = 67.0
+# Maximum pixels per degree; an eye resolves 60.
+_MAX_PPD = 1000
 
 # Side of a spot in degrees.
 _SPOT = 0.1
@@ -53,7 +55,7 @@ def flip(
             differences in a large image are found. Default 0.1, or `mean` if that is larger. It detects 5 x 5
             pixels that differ from their surroundings by 16 of 255 levels, and 3 x 3 that differ by 32. It passes
             rounding, noise of 2 levels, and an edge displaced by a tenth of a pixel
-    ppd   : pixels per degree of view; with more, fine differences are harder to see
+    ppd   : pixels per degree of view; with more, fine differences are harder to see. From 1 to 1,000
 
     Raises UsageError if flip-evaluator is not installed, and for limits out of range.
     """
@@ -84,7 +86,7 @@ def flip_map(image: Float64, reference: Float64, *, ppd: float = PPD) -> Float64
     """Return the (H, W) float64 visibility, in [0, 1], of the difference between images (H, W, 3), linear Rec. 709.
 
     Raises ImageError for images that cannot be compared; UsageError if flip-evaluator is not installed, or `ppd` is
-    not above 0.
+    not from 1 to 1,000.
     """
     found: Float64 = (
         _evaluated(image, reference, ppd, colours=False).reshape(np.shape(image)[:2]).astype(np.float64)
@@ -102,8 +104,8 @@ def flip_picture(image: Float64, reference: Float64, *, ppd: float = PPD) -> UIn
 
 
 def _evaluated(image: Float64, reference: Float64, ppd: float, *, colours: bool) -> NDArray[np.float32]:
-    if not 0 < ppd < math.inf:
-        raise UsageError(f"ppd: found {ppd}, expected pixels per degree above 0.")
+    if not 1 <= ppd <= _MAX_PPD:
+        raise UsageError(f"ppd: found {ppd}, expected 1 to {_MAX_PPD:,} pixels per degree.")
     evaluate = _evaluator()
     a, b = (encode_srgb(side).astype(np.float32) for side in matching_pair(image, reference))
     found = np.zeros((*a.shape[:2], 3 if colours else 1), np.float32)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from glpath.compare.picture import Picture, encode_bright_srgb, glpath_texts
 from glpath.errors import ImageError
 from glpath.film.film import Film, holds_film, read_image
-from glpath.film.image import READABLE, decode_srgb, read_exr_channels
+from glpath.film.image import FLOAT_PIXEL, READABLE, check_scans, decode_srgb, read_exr_channels
 from glpath.system.files import read_bytes, reading
 from glpath.system.npz import check_unfolded, read_npy
 
@@ -112,7 +112,9 @@ def _by_pillow(data: bytes, name: str) -> Picture:
         frames = getattr(image, "n_frames", 1)
         if frames > 1:
             raise ImageError(f"{name}: holds {frames} frames.", "Compare them one by one, as Pillow's images.")
-        check_unfolded(image.width * image.height * len(image.getbands()), len(data))
+        pixels = image.width * image.height
+        check_unfolded(pixels * len(image.getbands()), len(data), pixels * FLOAT_PIXEL)
+        check_scans(data)
         image.load()
         array = _array_of_pillow(image, name)
         texts = glpath_texts({str(key): value for key, value in image.info.items()})

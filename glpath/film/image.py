@@ -10,8 +10,9 @@ import base64
 import html
 import io
 import json
-import math
+import mmap
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import cache
@@ -49,6 +50,20 @@ _MAX_JPEG = 65_535
 _MAX_COMMENT = 65_000
 # Quality of JPEGs, out of 100.
 _JPEG_QUALITY = 95
+# JPEG: markers other than those between the restart intervals of a scan; end of image, start of scan.
+_JPEG_MARKER, _END_OF_IMAGE, _START_OF_SCAN = re.compile(rb"\xff([\x02-\xcf\xd8-\xfe])"), b"\xd9", b"\xda"
+# JPEG: maximum number of scans, each of which may cover all pixels by a few bytes. libtiff has this limit, too.
+_MAX_SCANS = 100
+# Memory of a pixel that becomes three float64, bytes.
+FLOAT_PIXEL = 24
+# Memory of a pixel with 8 bits per channel, bytes.
+_BYTE_PIXEL = 4
+# OpenEXR: maximum number of attributes and channels of all parts.
+_MAX_EXR_ENTRIES = 4096
+# OpenEXR: maximum length of a name or a type, bytes.
+_MAX_EXR_NAME = 255
+# OpenEXR: name and numbers of a channel.
+_EXR_CHANNEL = re.compile(rb"[^\0]{1,255}\0.{16}", re.DOTALL)
 READABLE = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".npz", ".npy")
 
 # Luminance Y of each channel of linear Rec. 709.
@@ -331,7 +346,7 @@ def read_eight_bits(path: str | Path) -> UInt8 | None:
         from PIL.JpegImagePlugin import JpegImageFile
         from PIL.PngImagePlugin import PngImageFile
 
-        _check_pillow(path, suffix)
+        _check_pillow(path, suffix, _BYTE_PIXEL)
         with (PngImageFile if suffix == ".png" else JpegImageFile)(path) as opened:
             if opened.mode.startswith(("I", "F")):
                 return None
@@ -372,15 +387,33 @@ def _pillow_header(path: Path, suffix: str) -> tuple[int, int, int]:
         return *opened.size, len(opened.getbands())
 
 
-def _check_pillow(path: Path, suffix: str) -> None:
-    """Raise ValueError if the file is too small for the number of pixels in its header."""
-    check_unfolded(math.prod(_pillow_header(path, suffix)), path.stat().st_size)
+def _check_pillow(path: Path, suffix: str, pixel_bytes: int) -> None:
+    """Raise ValueError if the file is too small for the number of pixels in its header, or has too many scans."""
+    width, height, channels = _pillow_header(path, suffix)
+    check_unfolded(width * height * channels, path.stat().st_size, width * height * pixel_bytes)
+    if suffix != ".png":
+        check_scans(path.read_bytes())
+
+
+def check_scans(data: bytes) -> None:
+    """Raise ValueError for a JPEG with implausibly many scans; other data pass.
+
+    Source: ITU-T T.81, annex B.
+    """
+    scans = position = 0
+    while data.startswith(b"\xff\xd8") and (marker := _JPEG_MARKER.search(data, max(position, 2))):
+        if marker[1] == _END_OF_IMAGE:
+            break
+        scans += marker[1] == _START_OF_SCAN
+        if scans > _MAX_SCANS:
+            raise ValueError(f"it is a JPEG of more than {_MAX_SCANS} scans")
+        position = marker.end() + int.from_bytes(data[marker.end() : marker.end() + 2])
 
 
 def _read_png(path: Path) -> Float64:
     import imageio.v3 as iio
 
-    _check_pillow(path, ".png")
+    _check_pillow(path, ".png", FLOAT_PIXEL)
     stored = iio.imread(path, plugin="pillow")
     if stored.dtype == np.uint8:
         return decode_levels(stored)
@@ -391,7 +424,7 @@ def _read_png(path: Path) -> Float64:
 def _read_jpeg(path: Path) -> Float64:
     import imageio.v3 as iio
 
-    _check_pillow(path, ".jpg")
+    _check_pillow(path, ".jpg", FLOAT_PIXEL)
     return decode_levels(iio.imread(path, plugin="pillow", mode="RGB"))  # a JPEG may be CMYK
 
 
@@ -449,12 +482,43 @@ def _exr_header(path: Path) -> tuple[tuple[int, int], dict[str, Any]]:
 
     with path.open("rb") as file:  # errors of the system are clearer than those of OpenEXR
         size = file.seek(0, 2)
+        if size:
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                _check_exr_entries(data)
     with _openexr(path) as name:
         header = OpenEXR.File(name, header_only=True).header()
     first, last = (corner.astype(np.int64) for corner in header["dataWindow"])
     width, height = (last - first + 1).tolist()
-    check_unfolded(width * height * 4 * len(header["channels"]), size)
+    channels = len(header["channels"])
+    check_unfolded(width * height * 4 * channels, size, width * height * max(8 * channels, FLOAT_PIXEL))
     return (height, width), header
+
+
+def _check_exr_entries(data: mmap.mmap) -> None:
+    """Raise ValueError for a header with too many entries, which OpenEXR takes quadratic time to read.
+
+    An invalid header ends the check, because OpenEXR rejects it.
+
+    Source: Academy Software Foundation, "OpenEXR File Layout".
+    """
+    is_multipart = data[5:6] >= b"\x10"
+    position, entries = 8, 0
+    while entries <= _MAX_EXR_ENTRIES:
+        if data[position : position + 1] == b"\0":  # the header of a part ends
+            if not is_multipart or data[position + 1 : position + 2] in (b"", b"\0"):
+                return
+            position += 1
+        name_end = data.find(b"\0", position, position + _MAX_EXR_NAME + 1)
+        type_end = data.find(b"\0", name_end + 1, name_end + _MAX_EXR_NAME + 2)
+        if min(name_end, type_end) < 0:
+            return
+        value = type_end + 5
+        position = value + int.from_bytes(data[type_end + 1 : value], "little")
+        entries += 1
+        if data[name_end + 1 : type_end] == b"chlist":
+            max_bytes = (_MAX_EXR_ENTRIES + 1) * (_MAX_EXR_NAME + 17)
+            entries += len(_EXR_CHANNEL.findall(data, value, min(position, value + max_bytes)))
+    raise ValueError(f"its header has more than {_MAX_EXR_ENTRIES:,} attributes and channels")
 
 
 @contextmanager
@@ -473,7 +537,7 @@ def _openexr(path: Path, flags: int = os.O_RDONLY) -> Iterator[str]:
 def _read_npz(path: Path) -> Float64:
     with open_npz(path, ".npz") as stored:
         if "radiance" in stored:
-            return stored.read("radiance", "biuf").astype(np.float64)
+            return stored.read("radiance", "biuf", decoded_bytes=8).astype(np.float64)
         raise ValueError(f"found {', '.join(stored.names) or 'nothing'}, expected `radiance`, or a film's sums")
 
 

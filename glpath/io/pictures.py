@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError, ImageError
-from glpath.film.image import picture_size
+from glpath.film.image import check_scans, picture_size
 from glpath.film.image import read_image as read_float_image
 from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.named_files import NamedFiles, UnusableError
@@ -75,6 +75,8 @@ class Pictures:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # about many pixels, which `_check` counts, and odd tags
                 with PIL.Image.open(path, formats=_FORMATS) as opened:
+                    if opened.format in ("JPEG", "MPO"):
+                        check_scans(path.read_bytes())
                     self._check(*opened.size, 4 if opened.mode == "F" else 1)
                     return pixels_of(opened)
         except UnusableError:

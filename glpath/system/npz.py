@@ -42,8 +42,19 @@ class Arrays:
     def __contains__(self, name: str) -> bool:
         return name in self.names
 
-    def read(self, name: str, kinds: str, shape: tuple[int | None, ...] | None = None) -> NDArray[Any]:
+    def read(
+        self,
+        name: str,
+        kinds: str,
+        shape: tuple[int | None, ...] | None = None,
+        *,
+        max_values: int | None = None,
+        decoded_bytes: int = 0,
+    ) -> NDArray[Any]:
         """Read an array with one of the `kinds` (as `numpy.dtype.kind`) and a shape, in which None is any length.
+
+        max_values    : maximum number of values
+        decoded_bytes : memory in bytes that the caller needs per value
 
         Raises ImageError if the array is missing, ValueError for another kind or shape, and the parsers' errors for
         damaged data.
@@ -51,7 +62,6 @@ class Arrays:
         if name not in self:
             raise ImageError(f"{self._path}: is not {self._what}: it holds no `{name}`.", self._remedy)
         member = self._archive.getinfo(f"{name}.npy")
-        check_unfolded(member.file_size, member.compress_size)
         with self._archive.open(member) as stream:
             found, dtype, size = _header(stream)
         if size != member.file_size:
@@ -59,6 +69,9 @@ class Arrays:
         fits = shape is None or (
             len(found) == len(shape) and all(w in (None, n) for n, w in zip(found, shape, strict=True))
         )
+        check_unfolded(member.file_size, member.compress_size, math.prod(found) * decoded_bytes)
+        if max_values is not None and math.prod(found) > max_values:
+            raise ValueError(f"`{name}` is an array {_shown(found)}, expected {max_values} values at most")
         if dtype.kind not in kinds or not fits:
             wanted = "" if shape is None else f", expected {_shown(shape)}"
             raise ValueError(f"`{name}` is an array {_shown(found)} of {dtype}{wanted} of kind {'/'.join(kinds)}")
@@ -89,11 +102,17 @@ def read_npy(path: str | Path) -> NDArray[Any]:
         return npy.read_array(file, allow_pickle=False)
 
 
-def check_unfolded(unfolded: int, stored: int) -> None:
-    """Raise ValueError for data whose size in memory is implausibly large for their size in the file."""
-    if unfolded > max(_UNFOLDED, _RATIO * stored):
+def check_unfolded(unfolded: int, stored: int, decoded: int = 0) -> None:
+    """Raise ValueError for data whose size in memory is implausibly large for their size in the file.
+
+    unfolded : size in bytes of the uncompressed data
+    stored   : size in bytes of the compressed data
+    decoded  : memory in bytes of the values made from the uncompressed data, if it is more
+    """
+    memory = max(unfolded, decoded)
+    if memory > _UNFOLDED and unfolded > _RATIO * stored:
         raise ValueError(
-            f"{stored} bytes in it unfold to {unfolded / 1e9:,.3g} GB; no more than {_RATIO} times is read"
+            f"{stored} bytes in it unfold to {memory / 1e9:,.3g} GB; no more than {_RATIO} times is read"
         )
 
 

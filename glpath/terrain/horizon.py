@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError, warn
+from glpath.scene.geometry import LARGEST
 from glpath.system.frames import data_set
 from glpath.system.machine import core_count
 from glpath.system.reporting import ProgressEvent
@@ -308,8 +309,8 @@ def horizon(
     terrain = load_height_field(field, spacing=spacing, holes=holes)
     if not isinstance(azimuths, int) or not 8 <= azimuths <= 720:
         raise UsageError(f"azimuths: {azimuths}, but 8 to 720 are possible.")
-    if not (math.isfinite(height) and height >= 0):
-        raise UsageError(f"height: {height}, but 0 or more, in the unit of the heights, is needed.")
+    if not 0 <= height <= LARGEST:
+        raise UsageError(f"height: {height}, but 0 to {LARGEST:g}, in the unit of the heights, is needed.")
     at = None if points is None else _points(points, terrain, height)
     return Horizon(terrain, at, _facing(normals, terrain, at), azimuths, float(height), on_progress)
 

@@ -35,9 +35,14 @@ _WORLD_FILES = (".tfw", ".tifw", ".wld")
 # Maximum size of a world file, bytes.
 _MAX_WORLD_BYTES = 4096
 
+# Memory in bytes of a sample while a height field is checked, and of a point of a point cloud while it is read.
+_DECODED_SAMPLE, _DECODED_POINT = 12, 48
+
 # LAS: number of layers and minimum record size in bytes of layered point formats; each further byte is a layer.
 _LAS_LAYERS = {6: (9, 30), 7: (10, 36), 8: (11, 38), 9: (10, 59), 10: (12, 67)}
 _LAS_FORMAT = 0x3F
+# Highest LAS point format that exists.
+_LAS_HIGHEST_FORMAT = 10
 # Size of a LAS header before version 1.4, bytes.
 _LAS_HEADER = 227
 # Size of a LAS header since version 1.4, bytes.
@@ -110,10 +115,10 @@ def _npy(path: Path, **given: Any) -> HeightField:
 
 def _npz(path: Path, holes: bool) -> HeightField:
     with _readable(path), open_npz(path, "a height field", _HOW_NPZ) as arrays:
-        heights = arrays.read("heights", "fiu", (None, None))
+        heights = arrays.read("heights", "fiu", (None, None), decoded_bytes=_DECODED_SAMPLE)
         mask = arrays.read("mask", "b", (None, None)) if "mask" in arrays else None
         apart, origin = (
-            np.ravel(arrays.read(name, "fiu")).astype(float).tolist() if name in arrays else usual
+            np.ravel(arrays.read(name, "fiu", max_values=2)).astype(float).tolist() if name in arrays else usual
             for name, usual in (("spacing", [1.0]), ("origin", [0.0, 0.0]))
         )
     spacing = apart[0] if len(apart) == 1 else tuple(apart)
@@ -180,6 +185,11 @@ def _geotiff(path: Path, holes: bool) -> HeightField:
     rasterio = package_for("rasterio", "this file is read")
     with _readable(path):
         with _opened_tiff(path, rasterio) as raster:
+            check_unfolded(
+                4 * raster.width * raster.height,
+                path.stat().st_size,
+                _DECODED_SAMPLE * raster.width * raster.height,
+            )
             if raster.count != 1:
                 raise SceneError(
                     f"{path}: has {raster.count} bands where one of heights is needed.",
@@ -236,7 +246,14 @@ def _opened_tiff(path: Path, rasterio: Any) -> Iterator[Any]:
                 warnings.simplefilter("ignore")
                 opened = rasterio.open(path.absolute(), driver="GTiff")
             with opened as raster:
-                check_unfolded(4 * raster.width * raster.height * raster.count, path.stat().st_size)
+                if raster.dtypes[0].startswith("complex"):
+                    raise SceneError(
+                        f"{path}: has values of the type {raster.dtypes[0]} where real numbers are needed.",
+                        "gdal_translate -ot Float32 takes the real parts.",
+                    )
+                (rows, columns), width = raster.block_shapes[0], np.dtype(raster.dtypes[0]).itemsize
+                samples = raster.width * raster.height * raster.count
+                check_unfolded(max(4 * samples, width * rows * columns), path.stat().st_size)
                 yield raster
     except (rasterio.errors.RasterioError, ValueError) as error:
         raise SceneError(f"{path}: cannot be read as a TIFF: {reason_of(error)}.") from error
@@ -333,6 +350,9 @@ def _check_las(file: BinaryIO, total: int) -> None:
     if head[:4] != b"LASF" or len(head) < _LAS_HEADER:
         raise ValueError("it is cut off, or not of this format")
     size, points_at, records, kind, length, points = struct.unpack_from("<HIIBHI", head, 94)
+    form = kind & _LAS_FORMAT
+    if form > _LAS_HIGHEST_FORMAT:
+        raise ValueError(f"its points are of format {form}, expected 0 to {_LAS_HIGHEST_FORMAT}")
     extra = 0
     if head[25] >= 4 and len(head) == _LAS_HEADER_1_4:
         _, extra, points = struct.unpack_from("<QIQ", head, 235)
@@ -342,7 +362,7 @@ def _check_las(file: BinaryIO, total: int) -> None:
         raise ValueError(f"{extra:,} records behind its points do not fit in {total:,} bytes")
     stored = total - points_at
     if kind & _LAS_COMPRESSED:
-        check_unfolded(points * length, stored)
+        check_unfolded(points * length, stored, points * (length + _DECODED_POINT))
         file.seek(points_at)
         (table_at,) = struct.unpack("<q", file.read(8))
         if table_at == -1:  # file written into a pipe, with the offset at its end
@@ -354,7 +374,6 @@ def _check_las(file: BinaryIO, total: int) -> None:
         _, chunks = struct.unpack("<II", file.read(8))
         if chunks > stored:
             raise ValueError(f"{chunks:,} chunks do not fit in {total:,} bytes")
-        form = kind & _LAS_FORMAT
         if form in _LAS_LAYERS:  # sizes of layers follow the first point and the count of a chunk
             layers, plain = _LAS_LAYERS[form]
             file.seek(points_at + 8 + length + 4)

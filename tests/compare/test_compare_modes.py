@@ -159,6 +159,7 @@ def test_limits_are_checked() -> None:
         ("flip", {"mean": 2}, "mean: found 2"),
         ("flip", {"local": -1}, "local: found -1"),
         ("flip", {"ppd": 0}, "ppd: found 0"),
+        ("flip", {"ppd": 1e308}, "ppd: found 1e+308, expected 1 to 1,000 pixels per degree"),
         ("best", {}, "there is no 'best'. Allowed: exact, fuzzy, stat, flip"),
     ):
         with pytest.raises(UsageError) as caught:

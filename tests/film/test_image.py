@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import stat
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -13,15 +14,20 @@ import imageio.v3 as iio
 import numpy as np
 import OpenEXR
 import pytest
+from PIL import Image
 
+from glpath.compare import read_picture
 from glpath.errors import ImageError, UsageError
 from glpath.film import image
 from glpath.film.choices import TONEMAP_NAMES
 from glpath.film.film import read_image
+from glpath.io.named_files import UnusableError
+from glpath.io.pictures import Pictures
 from glpath.jobs.checkpoint import checkpoint_path
 from glpath.system import files
 from glpath.system.locks import Lock
 from tests.conftest import MakeFilm
+from tests.support.damaged import write_jpeg_of_scans
 
 RAMP = np.linspace(0, 1, 256)
 
@@ -158,15 +164,11 @@ def test_a_broken_file_is_named(tmp_path: Path, suffix: str, content: bytes) -> 
     [("1", 1), ("L", 255), ("LA", (255, 9)), ("I;16", 65535), ("RGBA", (255, 255, 255, 3))],
 )
 def test_white_is_one_in_every_kind_of_png(tmp_path: Path, mode: str, white: object) -> None:
-    from PIL import Image
-
     Image.new(mode, (3, 2), white).save(tmp_path / "a.png")
     assert np.array_equal(image.read_image(tmp_path / "a.png"), np.ones((2, 3, 3)))
 
 
 def test_a_jpeg_is_read_as_srgb_whatever_its_colour_model(tmp_path: Path) -> None:
-    from PIL import Image
-
     for mode, colour in (("RGB", (200, 100, 50)), ("L", 128), ("CMYK", (55, 155, 205, 0))):
         Image.new(mode, (16, 8), colour).save(tmp_path / "a.jpg", quality=95)
         expected = np.array([200, 100, 50] if mode != "L" else [128] * 3) / 255
@@ -212,6 +214,39 @@ def test_what_cannot_be_read_says_what_can(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.ones((2, 3, 4, 5)))
     with pytest.raises(ImageError, match=r"found an array of shape \(2, 3, 4, 5\)"):
         image.read_image(tmp_path / "a.npy")
+
+
+def test_small_png_of_many_pixels_is_refused(tmp_path: Path) -> None:
+    Image.new("L", (8000, 2000)).save(tmp_path / "a.png")
+    with pytest.raises(ImageError, match=r"bytes in it unfold to 0\.384 GB"):
+        image.read_image(tmp_path / "a.png")
+    assert image.read_eight_bits(tmp_path / "a.png").shape == (2000, 8000, 3)
+
+
+def test_jpeg_of_many_scans_is_refused_and_of_few_is_read(tmp_path: Path) -> None:
+    few, many = write_jpeg_of_scans(tmp_path / "a.jpg", 1), write_jpeg_of_scans(tmp_path / "b.jpg", 100)
+    assert image.read_image(few).shape == Pictures(tmp_path).read("a.jpg").shape == (16, 16, 3)
+    for read in (
+        image.read_image,
+        image.read_eight_bits,
+        read_picture,
+        lambda path: Pictures(path.parent).read("b.jpg"),
+    ):
+        with pytest.raises((ImageError, UnusableError), match="it is a JPEG of more than 100 scans"):
+            read(many)
+
+
+def test_exr_of_very_many_channels_or_attributes_is_refused(tmp_path: Path) -> None:
+    path, radiance = tmp_path / "a.exr", np.zeros((2, 2, 3))
+    image.write_exr(path, radiance, {f"a{i}": "b" for i in range(1000)})
+    assert image.read_image(path).shape == (2, 2, 3)
+    content = path.read_bytes()
+    attribute = b"a\0string\0" + struct.pack("<I", 1) + b"b"
+    channels = b"".join(b"c%d\0" % i + struct.pack("<iiii", 2, 0, 1, 1) for i in range(5000)) + b"\0"
+    for added in (attribute * 5000, b"channels\0chlist\0" + struct.pack("<I", len(channels)) + channels):
+        path.write_bytes(content[:8] + added + content[8:])
+        with pytest.raises(ImageError, match="its header has more than 4,096 attributes and channels"):
+            image.read_image(path)
 
 
 @pytest.mark.parametrize("stop", [ValueError, KeyboardInterrupt])
@@ -346,8 +381,6 @@ def test_levels_are_looked_up_to_the_bit() -> None:
 
 
 def test_a_jpeg_has_the_pixels_of_the_png_and_its_metadata(make_film: MakeFilm, tmp_path: Path) -> None:
-    from PIL import Image
-
     film = make_film(size=(64, 48))
     for name in ("a.png", "a.jpg", "b.jpeg"):
         film.save(tmp_path / name, exposure=0.0)

@@ -274,6 +274,17 @@ def bomb(shape: tuple[int, ...], descr: str, megabytes: int) -> bytes:
     return local + central + end + len(local).to_bytes(4, "little") + b"\0\0"
 
 
+def write_jpeg_of_scans(path: Path, count: int) -> Path:
+    """Write a progressive JPEG whose last scan is there `count` times."""
+    from PIL import Image
+
+    Image.fromarray(np.zeros((16, 16, 3), np.uint8)).save(path, "JPEG", progressive=True, comment=b"\xff\xda" * 200)
+    content = path.read_bytes()
+    last = content.rindex(b"\xff\xda")
+    path.write_bytes(content[:last] + content[last:-2] * count + b"\xff\xd9")
+    return path
+
+
 class Exploding:
     """Whoever unpickles it fails the test."""
 

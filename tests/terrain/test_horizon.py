@@ -189,6 +189,7 @@ def test_receivers_may_stand_above_ground() -> None:
     [
         ({"azimuths": 4}, "azimuths: 4, but 8 to 720"),
         ({"height": -1.0}, "height: -1.0"),
+        ({"height": 1e39}, r"height: 1e\+39, but 0 to 1e\+15"),
         ({"points": [[1.0, 2.0, 3.0, 4.0]]}, r"points: of shape \(1, 4\)"),
         ({"points": [[1.0, math.nan]]}, r"points\[0\]: \[1.0, nan\]"),
         ({"points": [[50.0, -5.0]]}, "is outside height field, or in a hole"),

@@ -275,11 +275,40 @@ def test_a_tiff_of_a_few_bytes_does_not_fill_the_memory(rasterio: Any, tmp_path:
         load_height_field(tmp_path / "a.tif")
 
 
+@pytest.mark.parametrize(("side", "block", "memory"), [(8000, 256, "0.768 GB"), (16, 20_000, "3.2 GB")])
+def test_decoded_samples_and_blocks_of_a_small_tiff_count(
+    rasterio: Any, side: int, block: int, memory: str, tmp_path: Path
+) -> None:
+    made = {"width": side, "height": side, "count": 1, "dtype": "float64", "compress": "deflate", "tiled": True}
+    transform, blocks = rasterio.Affine(1, 0, 5, 0, -1, 5), {"blockxsize": block, "blockysize": block}
+    path = tmp_path / "a.tif"
+    with rasterio.open(path, "w", driver="GTiff", transform=transform, SPARSE_OK=True, **made, **blocks):
+        pass
+    with pytest.raises(glpath.SceneError, match=f"unfold to {memory}"):
+        load_height_field(path)
+
+
+def test_complex_heights_are_refused(rasterio: Any, tmp_path: Path) -> None:
+    path = tiff(rasterio, tmp_path / "a.tif", dtype="complex64")
+    with pytest.raises(glpath.SceneError, match="has values of the type complex64 where real numbers are needed"):
+        load_height_field(path)
+
+
+def test_small_archives_of_many_heights_or_long_spacings_are_refused(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / "a.npz", heights=np.zeros((24, 1 << 20), np.uint8))
+    with pytest.raises(glpath.ImageError, match=r"bytes in it unfold to 0\.302 GB"):
+        load_height_field(tmp_path / "a.npz")
+    np.savez(tmp_path / "b.npz", heights=HEIGHTS, spacing=np.ones(3))
+    with pytest.raises(glpath.ImageError, match=r"`spacing` is an array \(3\), expected 2 values at most"):
+        load_height_field(tmp_path / "b.npz")
+
+
 @pytest.mark.parametrize(
     ("at", "kind", "value", "words"),
     [
         (100, "<I", 2**32 - 1, "4,294,967,295 records of its header do not fit"),
         (107, "<I", 2**32 - 1, "4,294,967,295 points of 20 bytes do not fit"),
+        (104, "B", 99, "its points are of format 35, expected 0 to 10"),
         (96, "<I", 2**31, "records of its header do not fit"),
         (0, "<I", 0, "not of this format"),
     ],

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.film.image import check_scans
 from glpath.io.gltf import compression
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.limits import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
@@ -105,6 +106,7 @@ def _webp_size(data: bytes) -> tuple[int, int]:
 
 
 def _pixels(data: bytes, kind: str) -> NDArray[Any]:
+    check_scans(data)
     with _opened(data, kind) as opened:
         pixels = stored_pixels(opened)
     if pixels.dtype == np.float32:

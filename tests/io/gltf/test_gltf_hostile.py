@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 
 from glpath.errors import SceneError
 from glpath.io.gltf.load import read_gltf
+from tests.support.damaged import write_jpeg_of_scans
 from tests.support.gltf_files import Gltf, glb
 
 Change = Callable[[dict[str, Any]], None]
@@ -178,6 +179,12 @@ def test_a_picture_of_a_billion_pixels_is_refused_by_its_header(tmp_path: Path) 
     (tmp_path / "large.png").write_bytes(png)
     error = refused(changed(tmp_path, set_at("images", 0, value={"uri": "large.png"})))
     assert "40,000" in str(error)
+
+
+def test_jpeg_of_many_scans_is_refused(tmp_path: Path) -> None:
+    write_jpeg_of_scans(tmp_path / "many.jpg", 100)
+    error = refused(changed(tmp_path, set_at("images", 0, value={"uri": "many.jpg"})))
+    assert "it is a JPEG of more than 100 scans" in str(error)
 
 
 @pytest.mark.parametrize("length", [0, 3, 4, 11, 12, 15, 19, 20, 60, 400])
