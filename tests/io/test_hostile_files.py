@@ -191,3 +191,22 @@ def test_a_set_of_modifiers_that_is_no_table_is_an_error(given: object, tmp_path
     properties = {"type": "ModelProperties", "radiance": radiance}
     with pytest.raises(glpath.SceneError, match=r"wall_set"):
         glpath.load_scene(honeybee(tmp_path, properties=properties))
+
+
+@pytest.mark.parametrize("number", ["0x" + "f" * 4000, "0b1" + "0" * 20_000])
+@pytest.mark.parametrize("line", ["fov = {}", 'name = "a"\n[film]\nresolution = [{}, 8]'])
+def test_an_integer_of_thousands_of_digits_is_an_error(number: str, line: str, tmp_path: Path) -> None:
+    """Python refuses to write integers of more than 4300 digits in decimal."""
+    (tmp_path / "a.toml").write_text(line.format(number))
+    with pytest.raises(glpath.SceneError, match=r"a\.toml: .* is 0x"):
+        glpath.load_scene(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize("sizes", [(5e-324, 5e-324), (60, 5e-324), (5e-324, 60)])
+def test_a_view_of_honeybee_without_a_size_is_an_error(sizes: tuple[float, float], tmp_path: Path) -> None:
+    """The ratio of two sizes whose tangents are zero is not a number."""
+    model = honeybee_model.two_rooms()
+    view = model["properties"]["radiance"]["views"][0]
+    view["h_size"], view["v_size"] = sizes
+    with pytest.raises(glpath.SceneError, match="at least 0.001 and less than 180 degrees"):
+        glpath.load_scene(honeybee_model.write(model, tmp_path / "a.hbjson"))

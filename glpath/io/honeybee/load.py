@@ -45,6 +45,8 @@ _MISSING = 1e-2
 # Camera in a room: distance from a corner towards the centre, heights of the eye and of the target, as fractions;
 # field of view in degrees.
 _FROM_CORNER, _EYE, _TARGET, _FOV = 0.08, 0.6, 0.45, 75.0
+# Minimum width and height of a view in degrees; the ratio of smaller ones may not be a number.
+_MIN_VIEW = 1e-3
 
 
 def read_honeybee(
@@ -246,10 +248,10 @@ def _camera(model: Model, name: str, location: SourceLocation) -> Camera | None:
 
 
 def _camera_of(view: View, location: SourceLocation) -> Camera:
-    if not (0 < view.h_size < 180 and 0 < view.v_size < 180):
+    if not (_MIN_VIEW <= view.h_size < 180 and _MIN_VIEW <= view.v_size < 180):
         raise location.error(
             f'the view "{view.identifier}" has the sizes {view.h_size:g} and {view.v_size:g}, but they must be '
-            "between 0 and 180 degrees."
+            f"at least {_MIN_VIEW:g} and less than 180 degrees."
         )
     aspect = np.tan(np.radians(view.h_size / 2)) / np.tan(np.radians(view.v_size / 2))
     longest = max(RESOLUTION)
