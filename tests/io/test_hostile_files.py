@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import subprocess
 import sys
+import time
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -208,5 +209,27 @@ def test_a_view_of_honeybee_without_a_size_is_an_error(sizes: tuple[float, float
     model = honeybee_model.two_rooms()
     view = model["properties"]["radiance"]["views"][0]
     view["h_size"], view["v_size"] = sizes
-    with pytest.raises(glpath.SceneError, match="at least 0.001 and less than 180 degrees"):
+    with pytest.raises(glpath.SceneError, match=r"at least 0\.001 and less than 180 degrees"):
         glpath.load_scene(honeybee_model.write(model, tmp_path / "a.hbjson"))
+
+
+@pytest.mark.parametrize("name", ["b" * 20_000, "material-x12345"])
+@pytest.mark.parametrize("letters", ["ba" * 10_000, "material-number-"])
+def test_an_error_about_an_unknown_name_is_quick_and_short(name: str, letters: str, tmp_path: Path) -> None:
+    rows = [f'<bsdf type="diffuse" id="{letters}{i:06}"/>' for i in range(30 if len(letters) > 99 else 20_000)]
+    shape = f'<shape type="cube"><ref id="{name}"/></shape>'
+    (tmp_path / "a.xml").write_text(SCENE.format("".join(rows) + shape))
+    start = time.process_time()
+    with pytest.raises(glpath.SceneError, match=r"\.\.\. \([0-9,]+ more\)") as caught:
+        glpath.load_scene(tmp_path / "a.xml")
+    assert time.process_time() - start < 5
+    assert len(str(caught.value)) < 4000
+
+
+def test_a_syntax_error_shows_a_part_of_a_long_line(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text("name = [" + "1, " * 100_000 + "x]")
+    with pytest.raises(glpath.SceneError, match=r"column \d+ is not valid TOML") as caught:
+        glpath.load_scene(tmp_path / "a.toml")
+    last, caret = str(caught.value).splitlines()[-2:]
+    assert len(last) < 150
+    assert last[caret.index("^")] == "x"

@@ -38,6 +38,7 @@ from glpath.scene.geometry import IDENTITY, Float64
 from glpath.scene.model import Environment, Mesh, Scene, Shape, Shapes, Sky
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import with_area
+from glpath.system.suggestions import listed_names
 
 _UP = np.array([0.0, 0.0, 1.0])
 # Tolerance of overlaps between the openings and edges of a face, as a fraction of its area.
@@ -239,7 +240,7 @@ def _camera(model: Model, name: str, location: SourceLocation) -> Camera | None:
     views = model.radiance.views or []
     chosen = [each for each in views if each.identifier == name] if name else views
     if name and not chosen:
-        known = ", ".join(each.identifier for each in views) or "no views"
+        known = listed_names(each.identifier for each in views) or "no views"
         raise location.error(f'has no view "{name}". It has: {known}.')
     if name and not chosen[0].view_type.endswith("v"):
         raise location.error(f'the view "{name}" is of the type {chosen[0].view_type}, but only v is read.')

@@ -5,7 +5,6 @@ Files with a document type are refused, so that entities cannot expand without l
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 from collections.abc import Collection, Iterator, Mapping
@@ -17,6 +16,7 @@ from glpath.errors import SceneError
 from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
+from glpath.system.suggestions import listed_names, similar_names
 
 _DEEPEST = 15  # maximum depth of nested includes, as in Mitsuba
 _NESTED = 100  # maximum depth of nested elements
@@ -95,8 +95,8 @@ class Document:
         wanted = element.attribute("id")
         found = self.identified.get(wanted)
         if found is None:
-            near = difflib.get_close_matches(wanted, self.identified, 1)
-            listed = ", ".join(list(self.identified)[:8]) or "no element"
+            near = similar_names(wanted, self.identified, 1)
+            listed = listed_names(self.identified) or "no element"
             raise element.location.error(
                 f"refers to {shown(wanted)}, but the file has the ids {listed}.",
                 f"Did you mean {shown(near[0])}?" if near else "Give the element that is meant this id.",
@@ -122,8 +122,8 @@ def read_document(
         )
     for name in parameters if complete else ():
         if name not in reader.defaults and name not in others:
-            allowed = ", ".join(f"{key}={value or ''}" for key, value in reader.defaults.items()) or "none"
-            near = difflib.get_close_matches(name, reader.defaults, 1)
+            allowed = listed_names(f"{key}={value or ''}" for key, value in reader.defaults.items()) or "none"
+            near = similar_names(name, reader.defaults, 1)
             raise SourceLocation(str(path)).error(
                 f"has no parameter `{name}`. Allowed: {allowed}.",
                 f"Did you mean `{near[0]}`?" if near else 'A parameter is a <default name="..." value="..."/>.',
@@ -305,7 +305,7 @@ def _walk(element: Element) -> Iterator[Element]:
 def error_of_kind(element: Element, what: str, allowed: Mapping[str, object], remedy: str = "") -> SceneError:
     """Return the error for a plugin of an unsupported type."""
     kind = element.attributes.get("type", "")
-    near = difflib.get_close_matches(kind, allowed, 1)
+    near = similar_names(kind, allowed, 1)
     return element.location.error(
         f"is {what} of the type {shown(kind)}, which is not read. Allowed: {', '.join(sorted(allowed))}.",
         remedy or (f"Did you mean {shown(near[0])}?" if near else "Use one of them instead."),
