@@ -15,6 +15,7 @@ import pytest
 
 import glpath
 from glpath.errors import GlpathError
+from glpath.io.mitsuba.document import read_document
 from tests.support import honeybee_model
 
 SCENE = '<scene version="3.0.0">{}<shape type="rectangle"/></scene>'
@@ -233,3 +234,37 @@ def test_a_syntax_error_shows_a_part_of_a_long_line(tmp_path: Path) -> None:
     last, caret = str(caught.value).splitlines()[-2:]
     assert len(last) < 150
     assert last[caret.index("^")] == "x"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (f'<default name="{"a" * 1000}" value="1"/>', "of 1,000 letters, but 256 are the most"),
+        (f'<default name="a" value="${"a" * 400_000}"/>', "of 400,000 letters, but 256 are the most"),
+        ('<path value="."/>' * 1025, "the <path> after 1,024 others"),
+    ],
+)
+def test_long_names_of_parameters_and_many_paths_of_mitsuba_are_errors(
+    text: str, words: str, tmp_path: Path
+) -> None:
+    (tmp_path / "a.xml").write_text(SCENE.format(text))
+    with pytest.raises(glpath.SceneError, match=words):
+        glpath.load_scene(tmp_path / "a.xml")
+
+
+@pytest.mark.filterwarnings("ignore::glpath.SceneWarning")
+def test_many_parameters_of_mitsuba_are_read_in_linear_time(tmp_path: Path) -> None:
+    rows = [f'<default name="q{i}" value="$q0"/>' for i in range(1, 20_000)]
+    (tmp_path / "a.xml").write_text(SCENE.format('<default name="q0" value="0"/>' + "".join(rows)))
+    start = time.process_time()
+    glpath.load_scene(tmp_path / "a.xml")
+    assert time.process_time() - start < 5
+
+
+@pytest.mark.filterwarnings("ignore::glpath.SceneWarning")
+def test_a_folder_that_many_paths_name_is_searched_once(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    names = [".", "sub", "./sub", "sub/../sub", str(tmp_path / "sub")]
+    (tmp_path / "a.xml").write_text(SCENE.format("".join(f'<path value="{name}"/>' for name in names)))
+    (child,) = read_document(tmp_path / "a.xml", {}).root.children
+    assert [folder.name for folder in child.searched] == [tmp_path.name, "sub"]

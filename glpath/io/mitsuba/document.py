@@ -24,6 +24,8 @@ _NESTED = 100  # maximum depth of nested elements
 _MAX_ELEMENTS, _MAX_FILES, _MAX_VALUES = 2**19, 2**10, 2**22
 # Maximum depth of plugins nested by `<ref>`s. With two in each plugin, their number doubles with each level.
 _MAX_REFERENCES = 16
+# Limits of the parameters' names in letters, and of the `<path>`s of a scene with its includes.
+_MAX_NAME, _MAX_PATHS = 256, 2**10
 _DOLLAR = re.compile(r"\$(\w+)")
 _VERSION = re.compile(r"([0-9]{1,4})(\.|$)")
 _CAMEL = re.compile(r"([a-z0-9])([A-Z])")
@@ -139,12 +141,14 @@ class _Reader:
 
     def __init__(self, given: Mapping[str, str], searched: list[Path], complete: bool) -> None:
         self._searched = searched
+        self._real_folders = {os.path.realpath(folder) for folder in searched}
         self._scene_folder = searched[0]
         self._values = dict(given)
         self._complete = complete
         self.defaults: dict[str, str | None] = {}
         self.identified: dict[str, Element] = {}
-        self._files = self._bytes = self._elements = self._substituted = 0
+        self._longest = max(map(len, given), default=0)
+        self._files = self._bytes = self._elements = self._substituted = self._paths = 0
 
     def read(self, path: Path, location: SourceLocation, depth: int, nested: int) -> Element:
         """Return the root element of a file.
@@ -205,8 +209,10 @@ class _Reader:
                 self.identified[child.attribute("as")] = self.identified[known]
             elif child.tag == "default":
                 key, value = child.attribute("name"), child.attribute("value")
+                _check_length(key, child)
                 self.defaults.setdefault(key, value)
                 self._values.setdefault(key, value)
+                self._longest = max(self._longest, len(key))
             elif child.tag == "path":
                 self._search(child)
             else:
@@ -215,6 +221,9 @@ class _Reader:
 
     def _search(self, element: Element) -> None:
         """Add the folder of a `<path>`, relative to the folder of its own file or of the scene."""
+        self._paths += 1
+        if self._paths > _MAX_PATHS:
+            raise element.location.error(f"is the <path> after {_MAX_PATHS:,} others; no more are read.")
         folders = [folder / element.attribute("value") for folder in (element.folder, self._scene_folder)]
         found = [folder for folder in folders if os.path.isdir(folder)]
         if not found:
@@ -222,11 +231,15 @@ class _Reader:
                 f"names {' and '.join(map(str, dict.fromkeys(folders)))}, which is no folder.",
                 "Files are looked for in it.",
             )
-        self._searched.append(found[0])
+        real = os.path.realpath(found[0])
+        if real not in self._real_folders:
+            self._real_folders.add(real)
+            self._searched.append(found[0])
 
     def _value(self, name: str, element: Element) -> str:
+        _check_length(name, element)
         # As in Mitsuba, the longest known name counts, so `$widthpx` may be `$width` and px.
-        for end in range(min(len(name), max(map(len, self._values), default=0)), 0, -1):
+        for end in range(min(len(name), self._longest), 0, -1):
             if name[:end] in self._values:
                 self.defaults.setdefault(name[:end], None)
                 value = self._values[name[:end]]
@@ -281,6 +294,15 @@ class _Reader:
             location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}")
             raise location.error(f"has an encoding that is not read: {error}.", "Write it as UTF-8.") from error
         return roots[0]
+
+
+def _check_length(name: str, element: Element) -> None:
+    """Raise SceneError for a parameter with a long name; substitution tries each of its beginnings."""
+    if len(name) > _MAX_NAME:
+        raise element.location.error(
+            f"names the parameter {shown(name)} of {len(name):,} letters, but {_MAX_NAME} are the most.",
+            "Give it a shorter name.",
+        )
 
 
 def _check_old_names(root: Element) -> None:
