@@ -154,5 +154,7 @@ def _finite_facets(positions: list[Float64], sizes: list[Int64], source: str) ->
     """Return a `Facets` for each solid, without facets whose vertices are not all finite."""
     joined, counts = np.concatenate(positions), np.concatenate(sizes)
     split = split_finite(source, joined, np.arange(len(joined)), counts)
-    corners, solid_of = joined[split.triangles], np.repeat(np.arange(len(sizes)), [len(each) for each in sizes])
-    return [Facets(corners[solid_of[split.polygons] == number]) for number in range(len(sizes))]
+    ends = np.cumsum([len(each) for each in sizes])
+    # The triangles are in the order of the facets.
+    starts_of_solids = np.searchsorted(split.polygons, ends[:-1])
+    return [Facets(corners) for corners in np.split(joined[split.triangles], starts_of_solids)]
