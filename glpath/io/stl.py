@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from glpath.errors import warn
 from glpath.io.polygons import split_finite
 from glpath.io.text import decoded, parse_lines, parse_numbers, with_plain_nan
-from glpath.io.values import as_float64
+from glpath.io.values import MAX_PARTS, as_float64
 from glpath.scene.geometry import Float64
 from glpath.scene.source_location import SourceLocation
 
@@ -126,6 +126,8 @@ def _read_ascii(content: bytes, source: str) -> list[Facets]:
                 _check_lines(text, source)
                 raise
             solids.append((positions, sizes))
+    if len(solids) > MAX_PARTS:
+        raise ValueError(f"it has {len(solids):,} solids, but {MAX_PARTS:,} are the most")
     missing = len(solids) - text.count("endsolid")
     if missing > 0 or cut:
         left_out = f", and {cut:,} corners of one that is not whole are left out" if cut else ""

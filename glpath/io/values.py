@@ -17,6 +17,8 @@ from glpath.system.suggestions import listed_names, similar_names
 
 #: Minimum size of a scene in scene units. Its square times 1e-7 is still a normal 32-bit number.
 SMALLEST = 1e-15
+#: Maximum number of materials or solids of a mesh file, each of which becomes a shape.
+MAX_PARTS = 1 << 14
 
 
 def as_float64(stored: ArrayLike) -> Float64:

@@ -268,3 +268,28 @@ def test_a_folder_that_many_paths_name_is_searched_once(tmp_path: Path) -> None:
     (tmp_path / "a.xml").write_text(SCENE.format("".join(f'<path value="{name}"/>' for name in names)))
     (child,) = read_document(tmp_path / "a.xml", {}).root.children
     assert [folder.name for folder in child.searched] == [tmp_path.name, "sub"]
+
+
+def test_a_polygon_of_very_many_corners_is_an_error(tmp_path: Path) -> None:
+    """Its ears take quadratic time in the worst case."""
+    count = 20_000
+    turn = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    radius = 1 + 0.5 * (np.arange(count) % 2)
+    points = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
+    rows = "".join(f"v {x} {y} 0\n" for x, y in points)
+    (tmp_path / "a.obj").write_text(rows + "f " + " ".join(map(str, range(1, count + 1))) + "\n")
+    with pytest.raises(glpath.SceneError, match=r"a\.obj: .*20,000 corners, but 16,384 are the most"):
+        glpath.load_scene(tmp_path / "a.obj")
+
+
+def test_a_mesh_file_of_very_many_parts_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glpath.io.obj.MAX_PARTS", 100)
+    monkeypatch.setattr("glpath.io.stl.MAX_PARTS", 100)
+    rows = "".join(f"usemtl m{i}\nf 1 2 3\n" for i in range(101))
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + rows)
+    with pytest.raises(glpath.SceneError, match=r"a\.obj: line 204 .* a material after 100 others"):
+        glpath.load_scene(tmp_path / "a.obj")
+    facet = "facet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet\n"
+    (tmp_path / "a.stl").write_text(f"solid a\n{facet}endsolid a\n" * 101)
+    with pytest.raises(glpath.SceneError, match=r"a\.stl: .* 101 solids, but 100 are the most"):
+        glpath.load_scene(tmp_path / "a.stl")

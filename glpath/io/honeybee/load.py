@@ -29,7 +29,7 @@ from glpath.io.honeybee.model import (
     read_model_file,
 )
 from glpath.io.honeybee.modifiers import CONTEXT, Modifiers
-from glpath.io.polygons import polygon_normal, split_faces, triangulated, warn_of_crossing
+from glpath.io.polygons import polygon_errors_at, polygon_normal, split_faces, triangulated, warn_of_crossing
 from glpath.io.values import LARGEST
 from glpath.scene.camera import Camera
 from glpath.scene.check import check_camera
@@ -204,8 +204,9 @@ class _Reader:
         for ring in rings:
             self._check(name, ring)
         boundary, *holes = rings
-        vertices, faces, missing = triangulated(boundary, holes)
-        crossed = triangulated(boundary)[2] if holes else missing
+        with polygon_errors_at(self.location):
+            vertices, faces, missing = triangulated(boundary, holes)
+            crossed = triangulated(boundary)[2] if holes else missing
         area = 0.5 * float(np.linalg.norm(polygon_normal(boundary)))
         if abs(missing) > _MISSING * area or abs(crossed) > _MISSING * area:
             raise self.location.error(
@@ -224,7 +225,8 @@ class _Reader:
             raise self.location.error(
                 f'"{shade.identifier}" names vertex {last}, but has {len(vertices)} (0 to {len(vertices) - 1}).'
             )
-        faces, crossing = split_faces(vertices, geometry.faces)
+        with polygon_errors_at(self.location):
+            faces, crossing = split_faces(vertices, geometry.faces)
         warn_of_crossing(f'{self.location} "{shade.identifier}"', crossing)
         return Mesh(vertices, faces)
 
