@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,6 +25,7 @@ from glpath.scene.camera import upright_from_world
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture, moved_textures
 from glpath.scene.motion import Motion
 from glpath.scene.source_location import SourceLocation, shown
+from glpath.system.suggestions import listed_names, similar_names
 from glpath.system.terminal import encodable
 
 
@@ -178,9 +178,9 @@ class Assets:
         for old, new in given.materials.items():
             here = location.field(old)
             if old not in names:
-                near = difflib.get_close_matches(old, names, 1)
+                near = similar_names(old, names, 1)
                 raise here.error(
-                    f"is for a material that {given.file} does not have. It has {', '.join(map(shown, names))}.",
+                    f"is for a material that {given.file} does not have. It has {listed_names(map(shown, names))}.",
                     f"Did you mean {shown(near[0])}?" if near else "",
                 )
             if new not in self.number:

@@ -24,6 +24,7 @@ from glpath.io.load import scene_of
 from glpath.io.meshes import mesh_of_trimesh
 from glpath.scene.model import Light, Mesh, Scene, Shapes, Texture, moved_textures, shapes_are_built_by
 from glpath.scene.source_location import PythonLocation, SourceLocation, shown
+from glpath.system.suggestions import listed_names
 
 if TYPE_CHECKING:
     import trimesh
@@ -56,7 +57,7 @@ def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fi
     names = [each.name for each in scene.materials]
     if isinstance(material, str) and material not in names:
         raise UsageError(
-            f"Scene.add: material = {shown(material)}, but the scene has {', '.join(names) or 'none'}.",
+            f"Scene.add: material = {shown(material)}, but the scene has {listed_names(names) or 'none'}.",
             "Name one of them, or describe a new one: material={'reflectance': [0.8, 0.2, 0.2]}.",
         )
     data: dict[str, Any] = {"camera": _NO_CAMERA, "shapes": [table], "unit": scene.unit}

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import os
 import tomllib
@@ -43,6 +42,7 @@ from glpath.scene import tessellate
 from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import shipped_folder
+from glpath.system.suggestions import similar_names
 
 _Made = TypeVar("_Made")
 #: Suffixes of scene files.
@@ -277,7 +277,7 @@ def _made(
     values = {}
     for key, value in parameters.items():
         if key not in known:
-            near = difflib.get_close_matches(key, known, 1)
+            near = similar_names(key, known, 1)
             raise location.error(
                 f"has no parameter `{key}`. Allowed: " + ", ".join(f"{k}={v[0]}" for k, v in known.items()) + ".",
                 f"Did you mean `{near[0]}`?" if near else "",
@@ -309,7 +309,7 @@ def _looks_like_a_path(text: str) -> bool:
 
 def _no_such_scene(name: str) -> SceneError:
     names = list(shipped_scenes())
-    near = difflib.get_close_matches(name, names, len(names), 0)
+    near = similar_names(name, names, len(names), 0)
     ordered = near + [other for other in names if other not in near]
     return SceneError(
         f"{shown(name)} is neither a shipped scene nor a file. Shipped: {', '.join(ordered)}.",

@@ -6,7 +6,6 @@ as `file: shapes[3].material`, the value found, the values allowed, and the desc
 
 from __future__ import annotations
 
-import difflib
 import functools
 import operator
 import os
@@ -37,10 +36,13 @@ from glpath.scene.camera import framing
 from glpath.scene.model import Mesh, Scene
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
+from glpath.system.suggestions import similar_names
 
 _WORDS = {"float": "a number", "int": "a whole number", "str": "a text in quotes", "bool": "true or false"}
 _WORDS |= {"array": "a list", "object": "a table"}
 _DEEPEST = 100
+# Maximum number of letters of a line that are shown with a syntax error.
+_SHOWN = 120
 # A key of a hundred parts, `a.a.a...`. tomllib takes time quadratic in the number of parts.
 _DEEP_KEY = re.compile(
     r"""^[ \t]*\[{0,2}[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""", re.MULTILINE
@@ -253,8 +255,10 @@ def _syntax_error(error: tomllib.TOMLDecodeError, text: str, location: SourceLoc
     lines = text.splitlines() or [""]
     number = int(found[2] or len(lines))
     column = int(found[3] or len(lines[-1]) + 1)
+    line = lines[min(number, len(lines)) - 1]
+    first = max(0, column - _SHOWN)
     return SourceLocation(location.source, f"line {number}, column {column}").error(
-        f"is not valid TOML: {found[1]}.", f"{lines[min(number, len(lines)) - 1]}\n{' ' * (column - 1)}^"
+        f"is not valid TOML: {found[1]}.", f"{line[first : first + _SHOWN]}\n{' ' * (column - 1 - first)}^"
     )
 
 
@@ -262,7 +266,7 @@ def _other_files(path: Path) -> str:
     if not os.path.isdir(path.parent):
         return f"There is no folder {path.parent} either."
     others = [file.name for file in path.parent.glob("*.toml")]
-    nearest = difflib.get_close_matches(path.name, others, 8, 0) or ["none"]
+    nearest = similar_names(path.name, others, 8, 0) or sorted(others)[:8] or ["none"]
     return f"Scene files in {path.parent}: {', '.join(nearest)}. `glpath scenes` lists the shipped ones."
 
 
@@ -307,7 +311,7 @@ def _in_words(
     if re.fullmatch(r"Invalid (enum )?value .*", text):
         is_choice = isinstance(declared, inspect.LiteralType)
         tags = [str(each) for each in declared.values] if is_choice else _tags(owner)
-        near = difflib.get_close_matches(str(data), tags, 1)
+        near = similar_names(str(data), tags, 1)
         return location.wrong(data, f"one of: {', '.join(tags)}", f"Did you mean {shown(near[0])}?" if near else "")
     if found := re.fullmatch(r"Expected `([\w |]+)`(?: of length)?(?: ([<>]=?) (\S+)| (\d+))?(?:, got .*)?", text):
         kinds, relation, limit, length = found.groups()
@@ -342,7 +346,7 @@ def _instead_of(name: str, declared: Any, allowed: Sequence[str]) -> str:
         known = {field for kind in kinds for field in _field_names(inspect.type_info(kind))}
         if name in known and declared.cls in (SceneFile, *chain(*_TABLES.values())):
             return f"`{name}` is a field of [{table}]."
-    near = difflib.get_close_matches(name, allowed, 1)
+    near = similar_names(name, allowed, 1)
     return f"Did you mean `{near[0]}`?" if near else "Remove it, or see `glpath schema` for the format."
 
 

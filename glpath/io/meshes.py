@@ -22,7 +22,7 @@ from glpath.io import obj
 from glpath.io.off import read_off
 from glpath.io.ply import read_header
 from glpath.io.ply_mesh import PlyMesh, read_ply_mesh
-from glpath.io.polygons import split_faces, split_polygons, warn_of_crossing
+from glpath.io.polygons import polygon_errors_at, split_faces, split_polygons, warn_of_crossing
 from glpath.io.precision import step_at, warn_of_steps
 from glpath.io.stl import read_stl
 from glpath.io.stored_colours import colours_of_facets, linear
@@ -56,7 +56,8 @@ def inline_mesh(
             if not 0 <= vertex < len(vertices):
                 raise no_such_vertex(location.field("faces").item(index), vertex, len(vertices))
     positions = np.array(vertices, np.float64)
-    triangles, crossing = split_faces(positions, faces)
+    with polygon_errors_at(location.field("faces")):
+        triangles, crossing = split_faces(positions, faces)
     warn_of_crossing(str(location.field("faces")), crossing)
     return Mesh(positions, triangles)
 
@@ -156,7 +157,8 @@ def mesh_of_arrays(
             "List one pair [u, v] for each vertex, in the same order.",
         )
     positions, corners = np.array(vertices, np.float64), faces.astype(np.int32).ravel()
-    split = split_polygons(positions, corners, np.full(len(faces), faces.shape[1]))
+    with polygon_errors_at(location.field("faces")):
+        split = split_polygons(positions, corners, np.full(len(faces), faces.shape[1]))
     warn_of_crossing(str(location.field("faces")), split.crossing)
     return Mesh(positions, corners[split.triangles], None if uv is None else np.array(uv, np.float64))
 

@@ -23,7 +23,7 @@ from glpath.errors import SceneError
 from glpath.io.polygons import split_finite
 from glpath.io.stored_colours import fractions
 from glpath.io.text import decoded, parse_lines, parse_numbers, statements
-from glpath.io.values import finite_rows
+from glpath.io.values import MAX_PARTS, finite_rows
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.numerals import whole
 
@@ -154,6 +154,10 @@ def read_obj(content: bytes, source: str) -> ObjFile:
         elif kind == "usemtl":
             name = " ".join(" ".join(values).split())
             used.append((len(sizes), materials.setdefault(name, len(materials))))
+            if len(materials) > MAX_PARTS:
+                raise SourceLocation(source, f"line {number}").error(
+                    f"names a material after {MAX_PARTS:,} others; no more are read.", "Join materials."
+                )
         elif kind == "mtllib":
             libraries[" ".join(values)] = None
         elif kind == "p" or kind in _UNUSED:

@@ -14,7 +14,8 @@ which give thin triangles.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from typing import Any
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 from glpath.errors import warn_at
 from glpath.io.values import warn_of_left_out
 from glpath.scene.geometry import Float64, Int32
+from glpath.scene.source_location import SourceLocation
 
 Int64 = NDArray[np.int64]
 
@@ -38,6 +40,8 @@ _LEFT_OUT = 1e-3
 _MAX_COMPARED = 1 << 8
 # Maximum number of bands that all edges of a polygon and its holes cross in total; beyond it ears are cut.
 _MAX_CROSSED = 40_000
+# Maximum number of corners of a polygon that is cut by ears, which takes up to quadratic time: half a second.
+_MAX_EAR_CORNERS = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,8 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
     sizes     : (P,) number of corners of each polygon; those with fewer than three have no triangles
 
     A quad is split from its first corner to its third, unless only the other diagonal lies within it.
+
+    Raises ValueError for a polygon that has too many corners and is no clear fan.
     """
     sizes = np.asarray(sizes, np.int64)
     if (sizes == 3).all():
@@ -143,6 +149,15 @@ def split_finite(
         split = Split(kept[split.triangles], whole[split.polygons], split.crossing)
     warn_of_crossing(source, split.crossing)
     return split
+
+
+@contextmanager
+def polygon_errors_at(location: SourceLocation) -> Iterator[None]:
+    """Turn ValueErrors about polygons into SceneErrors at `location`."""
+    try:
+        yield
+    except ValueError as error:
+        raise location.error(f"cannot be used: {error}.", "Split the polygon.") from error
 
 
 def warn_of_crossing(source: str, count: int) -> None:
@@ -252,7 +267,12 @@ def _ears_of_each(outlines: Float64, sizes: Sequence[int]) -> list[Int64]:
 
     outlines : (N, k, 2) points: a counter-clockwise ring, then its holes
     sizes    : number of corners of the ring, and of each hole
+
+    Raises ValueError if there are too many corners.
     """
+    count = outlines.shape[1]
+    if count > _MAX_EAR_CORNERS:
+        raise ValueError(f"a polygon has {count:,} corners, but {_MAX_EAR_CORNERS:,} are the most")
     from mapbox_earcut import triangulate_float64
 
     ends = np.cumsum(sizes, dtype=np.uint32)

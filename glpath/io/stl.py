@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from glpath.errors import warn
 from glpath.io.polygons import split_finite
 from glpath.io.text import decoded, parse_lines, parse_numbers, with_plain_nan
-from glpath.io.values import as_float64
+from glpath.io.values import MAX_PARTS, as_float64
 from glpath.scene.geometry import Float64
 from glpath.scene.source_location import SourceLocation
 
@@ -126,6 +126,8 @@ def _read_ascii(content: bytes, source: str) -> list[Facets]:
                 _check_lines(text, source)
                 raise
             solids.append((positions, sizes))
+    if len(solids) > MAX_PARTS:
+        raise ValueError(f"it has {len(solids):,} solids, but {MAX_PARTS:,} are the most")
     missing = len(solids) - text.count("endsolid")
     if missing > 0 or cut:
         left_out = f", and {cut:,} corners of one that is not whole are left out" if cut else ""
@@ -154,5 +156,7 @@ def _finite_facets(positions: list[Float64], sizes: list[Int64], source: str) ->
     """Return a `Facets` for each solid, without facets whose vertices are not all finite."""
     joined, counts = np.concatenate(positions), np.concatenate(sizes)
     split = split_finite(source, joined, np.arange(len(joined)), counts)
-    corners, solid_of = joined[split.triangles], np.repeat(np.arange(len(sizes)), [len(each) for each in sizes])
-    return [Facets(corners[solid_of[split.polygons] == number]) for number in range(len(sizes))]
+    ends = np.cumsum([len(each) for each in sizes])
+    # The triangles are in the order of the facets.
+    starts_of_solids = np.searchsorted(split.polygons, ends[:-1])
+    return [Facets(corners) for corners in np.split(joined[split.triangles], starts_of_solids)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -14,9 +13,12 @@ from glpath.errors import SceneError, warn_at
 from glpath.scene.geometry import LARGEST as LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation, shown
+from glpath.system.suggestions import listed_names, similar_names
 
 #: Minimum size of a scene in scene units. Its square times 1e-7 is still a normal 32-bit number.
 SMALLEST = 1e-15
+#: Maximum number of materials or solids of a mesh file, each of which becomes a shape.
+MAX_PARTS = 1 << 14
 
 
 def as_float64(stored: ArrayLike) -> Float64:
@@ -60,8 +62,8 @@ def unit(vector: ArrayLike, location: SourceLocation, example: str) -> Float64:
 
 def unknown(kind: str, name: str, known: Sequence[str], location: SourceLocation, define: str) -> SceneError:
     """Return the error for `name`, which is not a known name of a material or texture (`kind`, singular)."""
-    near = difflib.get_close_matches(name, known, 1)
-    listed = ", ".join(known) or f"no {kind}s"
+    near = similar_names(name, known, 1)
+    listed = listed_names(known) or f"no {kind}s"
     return location.error(
         f"names the {kind} {shown(name)}, but the file defines {listed}.",
         f'Did you mean "{near[0]}"?' if near else f"Define it: [{kind}s.{name}] with {define}.",
@@ -77,7 +79,7 @@ def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
     if not os.path.isdir(path.parent):
         return f"There is no folder {path.parent} either. A relative path starts at the folder of the scene file."
     others = [file.name for file in path.parent.iterdir() if file.suffix.lower() in formats]
-    nearest = difflib.get_close_matches(path.name, others, 8, 0)
+    nearest = similar_names(path.name, others, 8, 0) or sorted(others)[:8]
     kinds = ", ".join(filter(None, formats))
     return f"{kind} in {path.parent}: {', '.join(nearest) or ('none of ' + kinds if kinds else 'none')}."
 

@@ -10,7 +10,6 @@ of another image. The job contains the whole camera.
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import os
@@ -52,6 +51,7 @@ from glpath.scene.geometry import Shapes
 from glpath.scene.source_location import SourceLocation
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor, SensorKey
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, whole_file
+from glpath.system.suggestions import listed_names, similar_names
 
 Window = tuple[int, int, int, int]
 
@@ -449,8 +449,8 @@ def _looking_at(scene: Scene, name: Any, changes: Mapping[str, Any]) -> Scene:
     ]
     if not shapes:
         names = list(dict.fromkeys(shape.name for shape in scene.shapes))
-        near = difflib.get_close_matches(str(name), names, 1, 0.4)
-        remedy = f'Did you mean "{near[0]}"?' if near else f"Its shapes are {', '.join(names[:10])}."
+        near = similar_names(str(name), names, 1, 0.4)
+        remedy = f'Did you mean "{near[0]}"?' if near else f"Its shapes are {listed_names(names)}."
         source = scene.source or scene.name
         raise UsageError(f'camera look_at: no shape of {source} has the name "{name}".', remedy)
     opened = scene.camera.shutter[0]

@@ -7,7 +7,6 @@ added.
 
 from __future__ import annotations
 
-import difflib
 import functools
 import inspect
 import textwrap
@@ -25,6 +24,7 @@ from glpath.integrators.by_name import INTEGRATORS, Integrator, IntegratorKeywor
 from glpath.integrators.gather_settings import Solution
 from glpath.integrators.settings import IntegratorSettings, Rgb
 from glpath.rendering.run_options import RunKeywords, RunOptions
+from glpath.system.suggestions import similar_names
 from glpath.system.time_limit import limited
 
 if TYPE_CHECKING:
@@ -289,7 +289,7 @@ def check_name(name: str, known: typing.Collection[str]) -> None:
         return
     meant = _ELSEWHERE.get(name, "")
     if meant.partition("=")[0] not in known:
-        meant = next(iter(difflib.get_close_matches(name, known, 1)), "")
+        meant = next(iter(similar_names(name, known, 1)), "")
     raise UsageError(
         f"{name}: no option has this name; allowed are {', '.join(known)}",
         f"Did you mean {meant}?" if meant else "",

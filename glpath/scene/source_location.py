@@ -11,6 +11,8 @@ from glpath.errors import SceneError
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _LONGEST = 60
+# Smallest integer that is too long to be shown whole.
+_LONGEST_INTEGER = 10**_LONGEST
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,8 @@ def shown(value: object) -> str:
         text = "[" + ", ".join(shown(item) for item in value[:_LONGEST]) + "]"
     elif isinstance(value, float):
         text = f"{value:.9g}"
+    elif isinstance(value, int) and abs(value) >= _LONGEST_INTEGER:
+        text = hex(value)  # Python refuses to write long integers in decimal
     else:
         text = str(value)
     return text if len(text) <= _LONGEST else text[: _LONGEST - 4] + " ..."

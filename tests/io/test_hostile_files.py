@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import subprocess
 import sys
+import time
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 
 import glpath
 from glpath.errors import GlpathError
+from glpath.io.mitsuba.document import read_document
 from tests.support import honeybee_model
 
 SCENE = '<scene version="3.0.0">{}<shape type="rectangle"/></scene>'
@@ -191,3 +193,103 @@ def test_a_set_of_modifiers_that_is_no_table_is_an_error(given: object, tmp_path
     properties = {"type": "ModelProperties", "radiance": radiance}
     with pytest.raises(glpath.SceneError, match=r"wall_set"):
         glpath.load_scene(honeybee(tmp_path, properties=properties))
+
+
+@pytest.mark.parametrize("number", ["0x" + "f" * 4000, "0b1" + "0" * 20_000])
+@pytest.mark.parametrize("line", ["fov = {}", 'name = "a"\n[film]\nresolution = [{}, 8]'])
+def test_an_integer_of_thousands_of_digits_is_an_error(number: str, line: str, tmp_path: Path) -> None:
+    """Python refuses to write integers of more than 4300 digits in decimal."""
+    (tmp_path / "a.toml").write_text(line.format(number))
+    with pytest.raises(glpath.SceneError, match=r"a\.toml: .* is 0x"):
+        glpath.load_scene(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize("sizes", [(5e-324, 5e-324), (60, 5e-324), (5e-324, 60)])
+def test_a_view_of_honeybee_without_a_size_is_an_error(sizes: tuple[float, float], tmp_path: Path) -> None:
+    """The ratio of two sizes whose tangents are zero is not a number."""
+    model = honeybee_model.two_rooms()
+    view = model["properties"]["radiance"]["views"][0]
+    view["h_size"], view["v_size"] = sizes
+    with pytest.raises(glpath.SceneError, match=r"at least 0\.001 and less than 180 degrees"):
+        glpath.load_scene(honeybee_model.write(model, tmp_path / "a.hbjson"))
+
+
+@pytest.mark.parametrize("name", ["b" * 20_000, "material-x12345"])
+@pytest.mark.parametrize("letters", ["ba" * 10_000, "material-number-"])
+def test_an_error_about_an_unknown_name_is_quick_and_short(name: str, letters: str, tmp_path: Path) -> None:
+    rows = [f'<bsdf type="diffuse" id="{letters}{i:06}"/>' for i in range(30 if len(letters) > 99 else 20_000)]
+    shape = f'<shape type="cube"><ref id="{name}"/></shape>'
+    (tmp_path / "a.xml").write_text(SCENE.format("".join(rows) + shape))
+    start = time.process_time()
+    with pytest.raises(glpath.SceneError, match=r"\.\.\. \([0-9,]+ more\)") as caught:
+        glpath.load_scene(tmp_path / "a.xml")
+    assert time.process_time() - start < 5
+    assert len(str(caught.value)) < 4000
+
+
+def test_a_syntax_error_shows_a_part_of_a_long_line(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text("name = [" + "1, " * 100_000 + "x]")
+    with pytest.raises(glpath.SceneError, match=r"column \d+ is not valid TOML") as caught:
+        glpath.load_scene(tmp_path / "a.toml")
+    last, caret = str(caught.value).splitlines()[-2:]
+    assert len(last) < 150
+    assert last[caret.index("^")] == "x"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (f'<default name="{"a" * 1000}" value="1"/>', "of 1,000 letters, but 256 are the most"),
+        (f'<default name="a" value="${"a" * 400_000}"/>', "of 400,000 letters, but 256 are the most"),
+        ('<path value="."/>' * 1025, "the <path> after 1,024 others"),
+    ],
+)
+def test_long_names_of_parameters_and_many_paths_of_mitsuba_are_errors(
+    text: str, words: str, tmp_path: Path
+) -> None:
+    (tmp_path / "a.xml").write_text(SCENE.format(text))
+    with pytest.raises(glpath.SceneError, match=words):
+        glpath.load_scene(tmp_path / "a.xml")
+
+
+@pytest.mark.filterwarnings("ignore::glpath.SceneWarning")
+def test_many_parameters_of_mitsuba_are_read_in_linear_time(tmp_path: Path) -> None:
+    rows = [f'<default name="q{i}" value="$q0"/>' for i in range(1, 20_000)]
+    (tmp_path / "a.xml").write_text(SCENE.format('<default name="q0" value="0"/>' + "".join(rows)))
+    start = time.process_time()
+    glpath.load_scene(tmp_path / "a.xml")
+    assert time.process_time() - start < 5
+
+
+@pytest.mark.filterwarnings("ignore::glpath.SceneWarning")
+def test_a_folder_that_many_paths_name_is_searched_once(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    names = [".", "sub", "./sub", "sub/../sub", str(tmp_path / "sub")]
+    (tmp_path / "a.xml").write_text(SCENE.format("".join(f'<path value="{name}"/>' for name in names)))
+    (child,) = read_document(tmp_path / "a.xml", {}).root.children
+    assert [folder.name for folder in child.searched] == [tmp_path.name, "sub"]
+
+
+def test_a_polygon_of_very_many_corners_is_an_error(tmp_path: Path) -> None:
+    """Its ears take quadratic time in the worst case."""
+    count = 20_000
+    turn = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    radius = 1 + 0.5 * (np.arange(count) % 2)
+    points = np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
+    rows = "".join(f"v {x} {y} 0\n" for x, y in points)
+    (tmp_path / "a.obj").write_text(rows + "f " + " ".join(map(str, range(1, count + 1))) + "\n")
+    with pytest.raises(glpath.SceneError, match=r"a\.obj: .*20,000 corners, but 16,384 are the most"):
+        glpath.load_scene(tmp_path / "a.obj")
+
+
+def test_a_mesh_file_of_very_many_parts_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glpath.io.obj.MAX_PARTS", 100)
+    monkeypatch.setattr("glpath.io.stl.MAX_PARTS", 100)
+    rows = "".join(f"usemtl m{i}\nf 1 2 3\n" for i in range(101))
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + rows)
+    with pytest.raises(glpath.SceneError, match=r"a\.obj: line 204 .* a material after 100 others"):
+        glpath.load_scene(tmp_path / "a.obj")
+    facet = "facet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet\n"
+    (tmp_path / "a.stl").write_text(f"solid a\n{facet}endsolid a\n" * 101)
+    with pytest.raises(glpath.SceneError, match=r"a\.stl: .* 101 solids, but 100 are the most"):
+        glpath.load_scene(tmp_path / "a.stl")

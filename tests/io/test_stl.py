@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import warnings
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import trimesh
 from glpath import load_scene
 from glpath.errors import SceneError
 from glpath.io.completed import aside
+from glpath.io.stl import read_stl
 from glpath.scene.model import Scene
 
 BOX = trimesh.creation.box((2, 2, 2))
@@ -120,3 +122,13 @@ def test_a_file_without_a_whole_facet_is_an_error(tmp_path: Path, content: bytes
         warnings.simplefilter("ignore")
         with pytest.raises(SceneError, match=r"a\.stl: (has no triangles|cannot be read)"):
             load_scene(tmp_path / "a.stl")
+
+
+def test_many_solids_of_an_ascii_file_are_split_in_linear_time() -> None:
+    facet = "facet normal 0 0 1\nouter loop\nvertex {0} 0 0\nvertex {1} 0 0\nvertex {0} 1 0\nendloop\nendfacet\n"
+    text = "".join(f"solid s\n{facet.format(i, i + 1) * (1 + i % 3)}endsolid s\n" for i in range(10_000))
+    start = time.process_time()
+    solids = read_stl(text.encode(), "a.stl")
+    assert time.process_time() - start < 5
+    assert [len(each.corners) for each in solids] == [1 + i % 3 for i in range(10_000)]
+    assert all((each.corners[:, 0, 0] == i).all() for i, each in enumerate(solids))

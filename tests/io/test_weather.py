@@ -203,6 +203,7 @@ def test_missing_hours_are_counted(
         (lambda i, row: [*row[:13], "?", "?", "?", *row[16:]] if i == 5 else row, r'has "\?" in row 6 of dni'),
         (lambda i, row: [*row[:14], "1_0", *row[15:]] if i == 5 else row, 'has "1_0" in row 6 of dni'),
         (lambda i, row: ["x", *row[1:]] if i == 5 else row, "is broken"),
+        (lambda i, row: [*row[:3], "0" if i else "1" * 5000, *row[4:]], "is broken"),
         (lambda i, row: None, "has no hour|is broken"),
     ],
 )

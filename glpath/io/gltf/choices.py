@@ -5,7 +5,6 @@ Source: glTF 2.0, 3.11; KHR_materials_variants.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 
 from glpath.errors import UsageError
@@ -13,6 +12,7 @@ from glpath.io.gltf.accessors import Accessors
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.table import Table, Tables
 from glpath.scene.source_location import shown
+from glpath.system.suggestions import listed_names, similar_names
 
 _VARIANTS = "KHR_materials_variants"
 #: Choice of animations that runs all at once, for exporters that write one animation per object.
@@ -82,8 +82,8 @@ def _number(wanted: str, names: Sequence[str], what: str, document: Document) ->
         return names.index(wanted)
     if wanted.isdecimal() and int(wanted) < len(names):
         return int(wanted)
-    listed = ", ".join(f"{i} {shown(name)}" for i, name in enumerate(names)) or "none"
-    near = difflib.get_close_matches(wanted, names, 1, 0.4)
+    listed = listed_names(f"{i} {shown(name)}" for i, name in enumerate(names)) or "none"
+    near = similar_names(wanted, names, 1, 0.4)
     raise UsageError(
         f"{document.location} {what} {shown(wanted)} was asked for, but its {what}s are: {listed}.",
         f"Did you mean {shown(near[0])}?" if near else f"`glpath info` lists the {what}s.",

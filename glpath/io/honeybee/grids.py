@@ -9,6 +9,7 @@ import numpy as np
 from glpath.io.honeybee.model import read_model_file
 from glpath.scene.geometry import Float64
 from glpath.scene.source_location import SourceLocation
+from glpath.system.suggestions import listed_names
 
 
 def sensor_points(path: Path, grid: str | None = None) -> tuple[Float64, Float64]:
@@ -24,7 +25,7 @@ def sensor_points(path: Path, grid: str | None = None) -> tuple[Float64, Float64
         raise location.error("has no sensor grids.", "Lay a grid in a plane, or name points of your own.")
     chosen = [each for each in grids if grid is None or grid in (each.identifier, each.display_name)]
     if not chosen:
-        names = ", ".join(each.identifier for each in grids)
+        names = listed_names(each.identifier for each in grids)
         raise location.error(f'has no sensor grid "{grid}". It has: {names}.', "Write FILE.hbjson#GRID.")
     sensors = [sensor for each in chosen for sensor in each.sensors]
     table = np.array([(*sensor.pos, *sensor.dir) for sensor in sensors], np.float64).reshape(-1, 6)

@@ -29,7 +29,7 @@ from glpath.io.honeybee.model import (
     read_model_file,
 )
 from glpath.io.honeybee.modifiers import CONTEXT, Modifiers
-from glpath.io.polygons import polygon_normal, split_faces, triangulated, warn_of_crossing
+from glpath.io.polygons import polygon_errors_at, polygon_normal, split_faces, triangulated, warn_of_crossing
 from glpath.io.values import LARGEST
 from glpath.scene.camera import Camera
 from glpath.scene.check import check_camera
@@ -38,6 +38,7 @@ from glpath.scene.geometry import IDENTITY, Float64
 from glpath.scene.model import Environment, Mesh, Scene, Shape, Shapes, Sky
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import with_area
+from glpath.system.suggestions import listed_names
 
 _UP = np.array([0.0, 0.0, 1.0])
 # Tolerance of overlaps between the openings and edges of a face, as a fraction of its area.
@@ -50,6 +51,8 @@ _EYE = 0.6
 _TARGET = 0.45
 # Field of view, degrees.
 _FOV = 75.0
+# Minimum width and height of a view in degrees; the ratio of smaller ones may not be a number.
+_MIN_VIEW = 1e-3
 
 
 def read_honeybee(
@@ -206,8 +209,9 @@ class _Reader:
         for ring in rings:
             self._check(name, ring)
         boundary, *holes = rings
-        vertices, faces, missing = triangulated(boundary, holes)
-        crossed = triangulated(boundary)[2] if holes else missing
+        with polygon_errors_at(self.location):
+            vertices, faces, missing = triangulated(boundary, holes)
+            crossed = triangulated(boundary)[2] if holes else missing
         area = 0.5 * float(np.linalg.norm(polygon_normal(boundary)))
         if abs(missing) > _MISSING * area or abs(crossed) > _MISSING * area:
             raise self.location.error(
@@ -226,7 +230,8 @@ class _Reader:
             raise self.location.error(
                 f'"{shade.identifier}" names vertex {last}, but has {len(vertices)} (0 to {len(vertices) - 1}).'
             )
-        faces, crossing = split_faces(vertices, geometry.faces)
+        with polygon_errors_at(self.location):
+            faces, crossing = split_faces(vertices, geometry.faces)
         warn_of_crossing(f'{self.location} "{shade.identifier}"', crossing)
         return Mesh(vertices, faces)
 
@@ -242,7 +247,7 @@ def _camera(model: Model, name: str, location: SourceLocation) -> Camera | None:
     views = model.radiance.views or []
     chosen = [each for each in views if each.identifier == name] if name else views
     if name and not chosen:
-        known = ", ".join(each.identifier for each in views) or "no views"
+        known = listed_names(each.identifier for each in views) or "no views"
         raise location.error(f'has no view "{name}". It has: {known}.')
     if name and not chosen[0].view_type.endswith("v"):
         raise location.error(f'the view "{name}" is of the type {chosen[0].view_type}, but only v is read.')
@@ -251,10 +256,10 @@ def _camera(model: Model, name: str, location: SourceLocation) -> Camera | None:
 
 
 def _camera_of(view: View, location: SourceLocation) -> Camera:
-    if not (0 < view.h_size < 180 and 0 < view.v_size < 180):
+    if not (_MIN_VIEW <= view.h_size < 180 and _MIN_VIEW <= view.v_size < 180):
         raise location.error(
             f'the view "{view.identifier}" has the sizes {view.h_size:g} and {view.v_size:g}, but they must be '
-            "between 0 and 180 degrees."
+            f"at least {_MIN_VIEW:g} and less than 180 degrees."
         )
     aspect = np.tan(np.radians(view.h_size / 2)) / np.tan(np.radians(view.v_size / 2))
     longest = max(RESOLUTION)

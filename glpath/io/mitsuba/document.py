@@ -5,7 +5,6 @@ Files with a document type are refused, so that entities cannot expand without l
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 from collections.abc import Collection, Iterator, Mapping
@@ -17,6 +16,7 @@ from glpath.errors import SceneError
 from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
+from glpath.system.suggestions import listed_names, similar_names
 
 _DEEPEST = 15  # maximum depth of nested includes, as in Mitsuba
 _NESTED = 100  # maximum depth of nested elements
@@ -29,6 +29,8 @@ _MAX_VALUES = 2**22
 # Maximum depth of plugins nested by `<ref>`s. If each plugin has two `<ref>`s, the number of plugins doubles with
 # each level.
 _MAX_REFERENCES = 16
+# Limits of the parameters' names in letters, and of the `<path>`s of a scene with its includes.
+_MAX_NAME, _MAX_PATHS = 256, 2**10
 _DOLLAR = re.compile(r"\$(\w+)")
 _VERSION = re.compile(r"([0-9]{1,4})(\.|$)")
 _CAMEL = re.compile(r"([a-z0-9])([A-Z])")
@@ -100,8 +102,8 @@ class Document:
         wanted = element.attribute("id")
         found = self.identified.get(wanted)
         if found is None:
-            near = difflib.get_close_matches(wanted, self.identified, 1)
-            listed = ", ".join(list(self.identified)[:8]) or "no element"
+            near = similar_names(wanted, self.identified, 1)
+            listed = listed_names(self.identified) or "no element"
             raise element.location.error(
                 f"refers to {shown(wanted)}, but the file has the ids {listed}.",
                 f"Did you mean {shown(near[0])}?" if near else "Give the element that is meant this id.",
@@ -127,8 +129,8 @@ def read_document(
         )
     for name in parameters if complete else ():
         if name not in reader.defaults and name not in others:
-            allowed = ", ".join(f"{key}={value or ''}" for key, value in reader.defaults.items()) or "none"
-            near = difflib.get_close_matches(name, reader.defaults, 1)
+            allowed = listed_names(f"{key}={value or ''}" for key, value in reader.defaults.items()) or "none"
+            near = similar_names(name, reader.defaults, 1)
             raise SourceLocation(str(path)).error(
                 f"has no parameter `{name}`. Allowed: {allowed}.",
                 f"Did you mean `{near[0]}`?" if near else 'A parameter is a <default name="..." value="..."/>.',
@@ -144,12 +146,14 @@ class _Reader:
 
     def __init__(self, given: Mapping[str, str], searched: list[Path], complete: bool) -> None:
         self._searched = searched
+        self._real_folders = {os.path.realpath(folder) for folder in searched}
         self._scene_folder = searched[0]
         self._values = dict(given)
         self._complete = complete
         self.defaults: dict[str, str | None] = {}
         self.identified: dict[str, Element] = {}
-        self._files = self._bytes = self._elements = self._substituted = 0
+        self._longest = max(map(len, given), default=0)
+        self._files = self._bytes = self._elements = self._substituted = self._paths = 0
 
     def read(self, path: Path, location: SourceLocation, depth: int, nested: int) -> Element:
         """Return the root element of a file.
@@ -210,8 +214,10 @@ class _Reader:
                 self.identified[child.attribute("as")] = self.identified[known]
             elif child.tag == "default":
                 key, value = child.attribute("name"), child.attribute("value")
+                _check_length(key, child)
                 self.defaults.setdefault(key, value)
                 self._values.setdefault(key, value)
+                self._longest = max(self._longest, len(key))
             elif child.tag == "path":
                 self._search(child)
             else:
@@ -220,6 +226,9 @@ class _Reader:
 
     def _search(self, element: Element) -> None:
         """Add the folder of a `<path>`, relative to the folder of its own file or of the scene."""
+        self._paths += 1
+        if self._paths > _MAX_PATHS:
+            raise element.location.error(f"is the <path> after {_MAX_PATHS:,} others; no more are read.")
         folders = [folder / element.attribute("value") for folder in (element.folder, self._scene_folder)]
         found = [folder for folder in folders if os.path.isdir(folder)]
         if not found:
@@ -227,11 +236,15 @@ class _Reader:
                 f"names {' and '.join(map(str, dict.fromkeys(folders)))}, which is no folder.",
                 "Files are looked for in it.",
             )
-        self._searched.append(found[0])
+        real = os.path.realpath(found[0])
+        if real not in self._real_folders:
+            self._real_folders.add(real)
+            self._searched.append(found[0])
 
     def _value(self, name: str, element: Element) -> str:
+        _check_length(name, element)
         # As in Mitsuba, the longest known name counts, so `$widthpx` may be `$width` and px.
-        for end in range(min(len(name), max(map(len, self._values), default=0)), 0, -1):
+        for end in range(min(len(name), self._longest), 0, -1):
             if name[:end] in self._values:
                 self.defaults.setdefault(name[:end], None)
                 value = self._values[name[:end]]
@@ -288,6 +301,15 @@ class _Reader:
         return roots[0]
 
 
+def _check_length(name: str, element: Element) -> None:
+    """Raise SceneError for a parameter with a long name; substitution tries each of its beginnings."""
+    if len(name) > _MAX_NAME:
+        raise element.location.error(
+            f"names the parameter {shown(name)} of {len(name):,} letters, but {_MAX_NAME} are the most.",
+            "Give it a shorter name.",
+        )
+
+
 def _check_old_names(root: Element) -> None:
     """Convert the camel-case names of Mitsuba 0.x, in place: toWorld becomes to_world, intIOR int_ior."""
     version = root.attributes.get("version", "3.0.0")
@@ -310,7 +332,7 @@ def _walk(element: Element) -> Iterator[Element]:
 def error_of_kind(element: Element, what: str, allowed: Mapping[str, object], remedy: str = "") -> SceneError:
     """Return the error for a plugin of an unsupported type."""
     kind = element.attributes.get("type", "")
-    near = difflib.get_close_matches(kind, allowed, 1)
+    near = similar_names(kind, allowed, 1)
     return element.location.error(
         f"is {what} of the type {shown(kind)}, which is not read. Allowed: {', '.join(sorted(allowed))}.",
         remedy or (f"Did you mean {shown(near[0])}?" if near else "Use one of them instead."),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
@@ -15,6 +14,7 @@ from glpath.scene.geometry import Float64
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import read_bytes
 from glpath.system.numerals import real
+from glpath.system.suggestions import similar_names
 
 #: Tags of elements that are plugins.
 PLUGINS = ("bsdf", "texture", "emitter", "shape", "medium", "sensor", "film", "sampler", "rfilter", "integrator")
@@ -208,7 +208,7 @@ class Plugin:
         allowed = ", ".join(self._asked) or "none"
         for name, child in self._properties.items():
             if name not in self._asked:
-                near = difflib.get_close_matches(name, self._asked, 1)
+                near = similar_names(name, self._asked, 1)
                 raise child.location.error(
                     f"is a parameter that is not read of {shown(self.kind)}. Allowed: {allowed}.",
                     f"Did you mean `{near[0]}`?" if near else "Remove it where it does not change the picture.",

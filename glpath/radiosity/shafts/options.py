@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from difflib import get_close_matches
 from typing import Any, Literal
 
 from glpath.errors import UsageError
 from glpath.radiosity.shafts.shaft import Strategy
+from glpath.system.suggestions import similar_names
 
 StrategyName = Literal["no shaft", "keep closed", "always open", "overlap open", "ratio open"]
 
@@ -123,7 +123,7 @@ class ShaftOptions:
                 continue
             name, found, value = word.partition("=")
             if not found or name not in _KINDS:
-                near = get_close_matches(name, _KINDS, 1)
+                near = similar_names(name, _KINDS, 1)
                 remedy = f"Is {near[0]} meant? " if near else ""
                 raise UsageError(
                     f"shaft option {word}: there is none of that name.",
