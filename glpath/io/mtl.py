@@ -40,6 +40,8 @@ from glpath.system.numerals import real
 
 #: Maximum size of a material library in bytes.
 MAX_BYTES = 2**28
+# Maximum number of libraries of a model. For each that is missing, its folder and subfolders are listed.
+_MAX_LIBRARIES = 100
 _SHORT = {"bump": "map_bump", "map_normal": "norm", "map_kn": "norm", "map_tr": "map_d"}
 # Number of words after each option of a texture; -o, -s and -t have one to three numbers instead.
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2, "-texres": 1}
@@ -81,6 +83,7 @@ class Library:
     _written: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     _commented: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     _numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
+    _count: int = 0
     pictures: Pictures = field(init=False)
 
     def __post_init__(self) -> None:
@@ -88,12 +91,18 @@ class Library:
 
     def add(self, name: str) -> None:
         """Read the MTL file `name` in the folder, or several files if `name` lists several."""
+        if self._count > _MAX_LIBRARIES:
+            return
         try:
             spelt_file(self.folder, name)
             names = [name]
         except UnusableError:
             names = name.split() or [name]
         for each in names:
+            self._count += 1
+            if self._count > _MAX_LIBRARIES:
+                self._note(f"Material libraries after the first {_MAX_LIBRARIES}.")
+                return
             self._add(each)
 
     def _add(self, name: str) -> None:

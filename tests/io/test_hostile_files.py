@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 import time
+import warnings
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -293,3 +294,17 @@ def test_a_mesh_file_of_very_many_parts_is_an_error(tmp_path: Path, monkeypatch:
     (tmp_path / "a.stl").write_text(f"solid a\n{facet}endsolid a\n" * 101)
     with pytest.raises(glpath.SceneError, match=r"a\.stl: .* 101 solids, but 100 are the most"):
         glpath.load_scene(tmp_path / "a.stl")
+
+
+@pytest.mark.parametrize("names", [lambda i: f"mtllib none{i}.mtl\n", lambda i: f"none{i}.mtl "])
+def test_few_of_very_many_missing_libraries_are_looked_for(names: Callable[[int], str], tmp_path: Path) -> None:
+    listed = "".join(map(names, range(20_000)))
+    rows = listed if listed.startswith("mtllib") else f"mtllib {listed}\n"
+    (tmp_path / "a.obj").write_text(rows + "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    start = time.process_time()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        glpath.load_scene(tmp_path / "a.obj")
+    assert time.process_time() - start < 5
+    assert sum("Material libraries after the first 100" in str(each.message) for each in caught) == 1
+    assert len(caught) < 110
