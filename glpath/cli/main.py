@@ -213,7 +213,7 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
 
 def run_and_end() -> None:
     """Call `run`, then end the process without Python's shutdown, which takes 0.1 s."""
-    sys.stderr = report_stream(sys.stderr)  # type: ignore[assignment]  # also for what other packages print
+    sys.stderr = report_stream(sys.stderr)  # also for what other packages print
     try:
         run()
     except SystemExit as end:
