@@ -1,5 +1,5 @@
 // surface.glsl: hit surfaces and their scattering; the only file that reads materials and textures.
-// Needs:  <SCENE>; defined if the scene has them:
+// Needs:  <SCENE>; with such features in the scene:
 //         HAS_NORMALS             shading normals other than the triangle's; HAS_VERTEX_NORMALS, HAS_NORMAL_MAPS
 //         HAS_MULTIPLE_SCATTERING microfacets with energy compensation
 //         HAS_COAT_NORMALS        clearcoats with normals other than their base's

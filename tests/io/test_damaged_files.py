@@ -299,7 +299,7 @@ def test_an_obj_takes_a_time_that_grows_with_its_size_and_not_with_its_materials
         assert len(read_obj(content, "a.obj").parts) == materials
         return time.process_time() - start
 
-    assert min(seconds(32_000) for _ in range(2)) < 6 * min(seconds(8_000) for _ in range(2))
+    assert min(seconds(16_000) for _ in range(2)) < 6 * min(seconds(4_000) for _ in range(2))
 
 
 def test_corners_without_a_normal_have_that_of_their_face(tmp_path: Path) -> None:
