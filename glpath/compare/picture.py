@@ -148,7 +148,7 @@ class Picture:
         return cls(
             np.repeat(light, 3, axis=2) if values.shape[2] == 1 else light,
             None,
-            # What an array was made by may be noisy, but its noise is not known.
+            # The source of an array may be noisy, but its noise is unknown.
             {"glpath.kind": "array", **(provenance or {})} | {"glpath.noisy": "false"},
             alpha,
             eight_bit=white in (1, 255),

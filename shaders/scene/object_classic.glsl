@@ -1,7 +1,7 @@
 // object_classic.glsl: classical algorithm that tests a ray against every primitive of the scene [TB I, III.A].
 // Needs:  object_intersect.glsl
 //
-// Of several primitives at the same t, all engines choose the lowest number.
+// All engines choose the primitive with the lowest number among several at the same t.
 #include "scene/object_intersect.glsl"
 #include "scene/object_opacity.glsl"
 

@@ -243,7 +243,7 @@ class _Reader:
 
     def _value(self, name: str, element: Element) -> str:
         _check_length(name, element)
-        # As in Mitsuba, the longest known name counts, so `$widthpx` may be `$width` and px.
+        # The longest known name counts, as in Mitsuba, so `$widthpx` may be `$width` and px.
         for end in range(min(len(name), self._longest), 0, -1):
             if name[:end] in self._values:
                 self.defaults.setdefault(name[:end], None)

@@ -221,7 +221,7 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
             state, u = next_random(state)
             chance, hit_surface = survival, u < surfaces.opacity[triangle]
             if is_glass and hit_surface:
-                # As in the shaders, the particle is mirrored, transmitted, or continues with the diffuse base.
+                # The particle is mirrored, transmitted, or continues with the diffuse base, as in the shaders.
                 inside = back == 1 and glass.ior[triangle] > 0
                 mirrored, left = at_glass(glass, triangle, abs(along), inside)
                 clear = max(glass.clear[triangle, 0], glass.clear[triangle, 1], glass.clear[triangle, 2])
