@@ -529,7 +529,7 @@ def test_emitters(tmp_path: Path) -> None:
     np.testing.assert_allclose(spot.direction, [0, -1, 0], atol=1e-12)
     assert spot.cone == (22.5, 30.0)
     np.testing.assert_allclose(spot.intensity, [2.41, 1.897, 1.818], atol=1e-3)  # as Mitsuba has a spectrum of 2
-    assert any("a spot fades smoothly" in text for text in told)
+    assert any("a spot fades by the square of the cosine" in text for text in told)
     assert (sun.kind, sun.direction.tolist()) == ("directional", [0, -1, 0])
     assert isinstance(scene.sky, Sky)
     assert scene.sky.zenith.tolist() == [0.1, 0.2, 0.3]
