@@ -78,7 +78,7 @@ class Emitters:
         if plugin.texture("texture") is not None:
             raise plugin.location.error("has a picture in its light, which is not read.", "Leave the texture out.")
         if full < _SHARP * end:
-            self.notes["between its two cones a spot fades by the square of the cosine, not linearly with the angle"] = None
+            self.notes["between its cones a spot fades by the square of the cosine, not with the angle"] = None
         world = plugin.transform("to_world")
         axis = world[:3, 2] / np.linalg.norm(world[:3, 2])
         return Light(name, "spot", _intensity(plugin), position=world[:3, 3], direction=axis, cone=(full, end))
