@@ -22,7 +22,7 @@ from glpath.cli.unattended import SOLVING, check_absent, left_in, watched
 from glpath.errors import ImageError, UsageError
 from glpath.film.choices import TIME_LIMIT
 from glpath.io.completed import aside
-from glpath.system.files import check_outputs, check_separate, check_writable, save_all, short_name
+from glpath.system.files import check_outputs, check_separate, check_writable, save_all
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
@@ -216,11 +216,12 @@ def radiosity(
 
 def _checkpoint(out: Sequence[Path], run: RunRequest) -> SolverCheckpoint | None:
     """Return the requested checkpoint, or None. Raises GlpathError if it cannot be written or is an output."""
+    from glpath.jobs.checkpoint import checkpoint_path
     from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
 
     if not run.keeps:
         return None
-    path = out[0].with_name(short_name("", out[0].stem, ".checkpoint.npz"))
+    path = checkpoint_path(out, films=False)
     check_writable(path)
     check_separate("--checkpoint", path, out)
     return SolverCheckpoint(path, *run.interval)

@@ -19,7 +19,7 @@ from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import exit_code, result_of
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError
-from glpath.system.files import check_outputs, is_stream, rescued, save_all
+from glpath.system.files import check_outputs, is_stream, rescued, save_all, short_name
 from glpath.system.reporting import ProgressEvent, duration, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
@@ -115,7 +115,7 @@ def viewfactors(
         with geometry_alone():
             faces = read_scene(scene, parameters)
     check_outputs(out)
-    part = out[0].with_name(out[0].name + ".part") if run.resume else None
+    part = out[0].with_name(short_name("", out[0].name, ".part")) if run.resume else None
 
     def compute() -> ViewFactors:
         from glpath.radiosity.view_factors.compute import view_factors

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from glpath.errors import ImageError
 from glpath.gl.parallel_rays import WORD, Seen
 from glpath.system.checkpoint import CheckpointFile
-from glpath.system.files import reason_of, whole_file
+from glpath.system.files import reason_of, short_name, whole_file
 
 _HEAD = "glpath daylight 1 {}\n"
 _STREAM_HEAD = "glpath daylight stream 1 {}\n"
@@ -129,4 +129,4 @@ def _record(content: bytes, points: int, transmits: bool) -> Seen:
 
 def kept_beside(out: Path) -> Path:
     """Return the path of an output's checkpoint."""
-    return out.with_name(out.name + ".part")
+    return out.with_name(short_name("", out.name, ".part"))

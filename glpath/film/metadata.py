@@ -164,7 +164,7 @@ def metadata_of(text: str) -> FilmMetadata:
         for name in names.split():
             value = getattr(metadata, name)
             if not isinstance(value, kinds) or isinstance(value, bool) != (kinds is bool):
-                raise ValueError(f"{name} in its metadata is {shown(getattr(metadata, name))}")
+                raise ValueError(f"{name} in its metadata is {shown(value)}")
     if metadata.aovs != tuple(name for name in AOVS if name in metadata.aovs):
         raise ValueError(f"its AOVs are {shown(metadata.aovs)}, expected some of {', '.join(AOVS)}")
     if metadata.transparent and "depth" not in metadata.aovs:

@@ -83,7 +83,7 @@ def scene_from_toml(
     """
     try:
         # Convert line ends to "\n", as text mode does.
-        text = content.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+        text = content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         raise location.error(
             f"is not UTF-8 text (byte {error.start}).", "Is it a scene file? Scenes are TOML text."

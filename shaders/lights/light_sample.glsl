@@ -1,4 +1,4 @@
-// light_sample.glsl: unoccluded light of a light sample (`glpath.light_samples.LightSample`) at a point, and its MIS weight
+// light_sample.glsl: unoccluded light of a light sample (`glpath.lights.samples.LightSample`) at a point, and its MIS weight
 // against the direction in which a path continues [PB A.3].
 // Needs:  <CONSTANTS>; HAS_POSITIONAL_LIGHTS, HAS_DISTANT_LIGHTS, HAS_SKY: if the scene has them
 // Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle for the sky.

@@ -1,4 +1,4 @@
-// punctual.glsl: irradiance from a point light, a spot or a directional light; `glpath.light_samples.incident` is the same on
+// punctual.glsl: irradiance from a point light, a spot or a directional light; `glpath.lights.samples.incident` is the same on
 // the CPU.
 // Units:  W m^-2 on an unoccluded surface that faces the light.
 //   intensity  W sr^-1, or W m^-2 without falloff; a factor of the profile for a light with a profile (profile.glsl)

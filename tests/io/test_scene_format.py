@@ -12,6 +12,7 @@ import pytest
 
 from glpath.errors import SceneError, SceneWarning
 from glpath.io import load_scene, scene_from_dict, scene_schema
+from tests.support.repository import ROOT
 
 HEAD = """
 [camera]
@@ -609,3 +610,9 @@ def test_names_that_no_file_can_have_are_errors(text: str, tmp_path: Path) -> No
     for name in ("a" * 5000, "a" * 5000 + ".toml", "a/" * 5000, "zero\0byte.toml"):
         with pytest.raises(SceneError):
             load_scene(name)
+
+
+def test_a_byte_order_mark_begins_a_scene_file(tmp_path: Path) -> None:
+    text = (ROOT / "scenes" / "cornell-box.toml").read_text(encoding="utf-8")
+    (tmp_path / "a.toml").write_text("\ufeff" + text, encoding="utf-8")
+    assert load_scene(tmp_path / "a.toml").shapes

@@ -220,7 +220,9 @@ def _emitters(light: Light, middle: Float64, notes: Notes) -> Iterator[Plugin]:
         return
     full, end = light.cone
     if full < end:
-        notes.add("between its two cones it fades with the angle, not smoothly", "light", light.name)
+        notes.add(
+            "between its two cones it fades with the angle, not by the square of the cosine", "light", light.name
+        )
     if end >= 90:
         notes.add("its cone ends at 89 degrees", "light", light.name)
         end = 89.0

@@ -265,7 +265,7 @@ def _by_wavelengths(element: Element) -> tuple[list[float], list[float]]:
     if "filename" in element.attributes:
         path = element.file(element.attributes["filename"])
         try:
-            lines = read_bytes(path).decode("utf-8", errors="replace").splitlines()
+            lines = read_bytes(path).decode("utf-8-sig", errors="replace").splitlines()
         except OSError as error:
             raise element.location.error(f"names {path}, which cannot be read: {error.strerror}.") from error
         rows = [(f"line {number} of {path}", line) for number, line in enumerate(lines, start=1)]
