@@ -163,7 +163,7 @@ class Material:
                        sheen_roughness, for which values below 0.1 count as 0.1 [KHR_materials_sheen]
     diffuse_transmission : fraction in [0, 1] of the diffuse base that scatters its light to the other side. Its
                            colour is diffuse_transmission_colour (3,) instead of reflectance
-                           [KHR_materials_diffuse_transmission]. Solvers treat it as lost
+                           [KHR_materials_diffuse_transmission]
     iridescence      : fraction in [0, 1] of the reflection of metal and dielectric that is under a thin film
     iridescence_ior  : index of the film, >= 1; with iridescence_thickness in nm, and iridescence_thickness_min for
                        texels that are 0 [KHR_materials_iridescence]
