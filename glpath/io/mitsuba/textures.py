@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Literal, cast
 
@@ -145,7 +146,7 @@ class Textures:
             path = self._elsewhere(plugin, name) or path
         key = (path, raw)
         if key not in self._files:
-            self._files[key] = _picture(path, where)
+            self._files[key] = _picture(path, where, raw)
         image = self._files[key]
         if raw and image.dtype != np.uint8 and path.suffix.lower() == ".png":
             raise where.error(
@@ -166,7 +167,7 @@ class Textures:
         return self._bitmaps[same]
 
 
-def _picture(path: Path, location: SourceLocation) -> NDArray[np.uint8] | NDArray[np.float32]:
+def _picture(path: Path, location: SourceLocation, raw: bool) -> NDArray[np.uint8] | NDArray[np.float32]:
     """Return the (h, w, 3) image of a file; grey, with a warning, if the file is missing. Raises SceneError."""
     if not os.path.exists(path):
         text = f"{location} names the picture {path}, which does not exist: grey stands in for it."
@@ -177,14 +178,16 @@ def _picture(path: Path, location: SourceLocation) -> NDArray[np.uint8] | NDArra
             return np.ascontiguousarray(np.maximum(Pictures(path.parent).read(path.name)[..., :3], 0))
         except UnusableError as error:
             raise location.error(f"names the picture {path}, {error}.", "Convert it to PNG.") from error
-    return stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, _stored)
+    return stored_picture(
+        path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, partial(_stored, colours=not raw)
+    )
 
 
-def _stored(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
+def _stored(path: Path, colours: bool) -> NDArray[np.uint8] | NDArray[np.float32]:
     eight_bits = read_eight_bits(path)
     if eight_bits is not None:
         return np.ascontiguousarray(eight_bits[..., :3])
-    return np.ascontiguousarray(np.maximum(read_image(path)[..., :3], 0.0), np.float32)
+    return np.ascontiguousarray(np.maximum(read_image(path, colours)[..., :3], 0.0), np.float32)
 
 
 def _checkerboard(plugin: Plugin) -> Look:
