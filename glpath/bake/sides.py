@@ -12,7 +12,6 @@ Poor at:  light through a hole that none of some thousand rays from a surface fi
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -25,7 +24,7 @@ from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.model import Float64
 from glpath.system.kernels import kernel
-from glpath.system.machine import core_count
+from glpath.system.machine import in_threads
 
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -364,12 +363,10 @@ def first_hits(
         distances,
     )
 
-    def part(first: int) -> None:
-        some = (array[first : first + _TOGETHER] for array in arrays)
-        _cast(rays, backs, *some, np.empty((2, 3)))
+    def part(begin: int, end: int) -> None:
+        _cast(rays, backs, *(array[begin:end] for array in arrays), np.empty((2, 3)))
 
-    with ThreadPoolExecutor(core_count()) as pool:
-        list(pool.map(part, range(0, len(origins), _TOGETHER)))
+    in_threads(len(origins), _TOGETHER, part)
     back = np.einsum("ij,ij->i", backs.normals[hits], directions) > 0
     return hits, back.astype(np.int64), distances
 

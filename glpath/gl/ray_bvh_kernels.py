@@ -7,8 +7,6 @@ Cost:     building takes a second for two million triangles on two cores; 150 by
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -18,7 +16,7 @@ from glpath.accel.bvh import build_in_threads
 from glpath.accel.wide import WIDTH, WideBvh
 from glpath.accel.wide_kernels import Nodes, collapse_compiled, octant_orders
 from glpath.system.kernels import inner_kernel, kernel
-from glpath.system.machine import core_count
+from glpath.system.machine import in_threads
 
 if TYPE_CHECKING:
     from glpath.gl.bvh_grid import Grid
@@ -39,7 +37,7 @@ def compiled_items(vertices: Float32, faces: Int32, paths: NDArray[np.int64] | N
     """Return (N, 3) items like `ray_bvh._items`, for faces (T, 3) of vertices (V, 3)."""
     lacks = np.empty(len(faces), np.int8)
     moves = np.zeros(0, np.int64) if paths is None else paths
-    _in_threads(len(faces), lambda begin, end: _lacking(vertices, faces, moves, begin, end, lacks))
+    in_threads(len(faces), _CHUNK, lambda begin, end: _lacking(vertices, faces, moves, begin, end, lacks))
     items = np.empty((len(faces), 3), np.int32)
     return items[: _items(lacks, items)]
 
@@ -52,7 +50,7 @@ def compiled_tree(vertices: Float32, faces: Int32, items: Int32) -> WideBvh:
 def item_boxes(vertices: Float32, faces: Int32, items: Int32) -> Float32:
     """Return (N, 6) lower and upper corners of the boxes around items."""
     boxes = np.empty((len(items), 6), np.float32)
-    _in_threads(len(items), lambda begin, end: _item_boxes(vertices, faces, items, begin, end, boxes))
+    in_threads(len(items), _CHUNK, lambda begin, end: _item_boxes(vertices, faces, items, begin, end, boxes))
     return boxes
 
 
@@ -99,7 +97,9 @@ class CompiledSlots:
         self.nodes, self.lanes = np.zeros((len(wide), 4, 4), np.uint32), np.empty((len(wide), WIDTH), np.int32)
         tree, steps = wide.tree, np.stack([grid.lower, grid.step, grid.pad])
         nodes = Nodes.of(tree), _WideNodes(wide.children, wide.number, octant_orders(wide))
-        _in_threads(len(wide), lambda begin, end: _fill_nodes(*nodes, steps, self.nodes, self.lanes, begin, end))
+        in_threads(
+            len(wide), _CHUNK, lambda begin, end: _fill_nodes(*nodes, steps, self.nodes, self.lanes, begin, end)
+        )
         self.shape = (WIDTH * (len(wide) + 1), 4, 4)
 
     def __getitem__(self, which: slice) -> NDArray[np.uint32]:
@@ -109,12 +109,6 @@ class CompiledSlots:
         slots = np.zeros((max(end - begin, 0), 4, 4), np.uint32)
         _fill(self.nodes, self.lanes, self._geometry, slots, slots.view(np.float32), begin // WIDTH)
         return slots
-
-
-def _in_threads(count: int, work: Callable[[int, int], Any]) -> None:
-    """Call `work` in threads, with ranges that cover 0 to `count`."""
-    with ThreadPoolExecutor(core_count()) as pool:
-        list(pool.map(lambda begin: work(begin, min(begin + _CHUNK, count)), range(0, count, _CHUNK)))
 
 
 @kernel

@@ -108,19 +108,22 @@ def near_lamps(lighting: Lighting, receivers: Float64) -> Float64:
     if not len(points):
         return closeness
     # A matrix product is avoided, because BLAS threads keep the processor busy for a while after it.
+    closeness.fill(_FIRST)
     _closest(np.ascontiguousarray(receivers), np.ascontiguousarray(points), 1.0 / scale, closeness)
     return np.clip((closeness - _FIRST) / (_ALL - _FIRST), 0.0, 1.0)
 
 
 @kernel
 def _closest(receivers, points, weight, closeness):  # type: ignore[no-untyped-def]
-    """Fill closeness (N,) of receivers with the maximum over points (P, 3) of weight (P,) by squared distance."""
+    """Raise closeness (N,) of receivers to the maximum over points (P, 3) of weight (P,) by squared distance."""
     for r in range(len(receivers)):
         x, y, z = receivers[r, 0], receivers[r, 1], receivers[r, 2]
-        found = 0.0
+        found = closeness[r]
         for p in range(len(points)):
             dx, dy, dz = points[p, 0] - x, points[p, 1] - y, points[p, 2] - z
-            found = max(found, weight[p] / max(dx * dx + dy * dy + dz * dz, 1e-18))
+            square = max(dx * dx + dy * dy + dz * dz, 1e-18)
+            if weight[p] > found * square:  # rarely so; saves divisions
+                found = weight[p] / square
         closeness[r] = found
 
 
@@ -129,7 +132,7 @@ def _lattice_points(scene: Scene, n: NDArray[np.int64], interpolated: bool) -> F
     if not interpolated:
         return Elements.of_lattices(n).points(scene, np.full((1, 3), 1 / 3))[:, 0]
     triangle = np.repeat(np.arange(len(n)), lattice.vertex_count(n))
-    b = np.concatenate([lattice.vertex_barycentrics(int(k)) for k in n]) if len(n) else np.zeros((0, 2))
+    b = lattice.of_all(n, lattice.vertex_barycentrics)
     corners = scene.triangles[triangle]
     edges = corners[:, 1:] - corners[:, :1]
     return np.asarray(corners[:, 0] + np.einsum("nx,nxd->nd", b, edges))

@@ -59,6 +59,12 @@ def test_the_lattice_counts_every_vertex_and_element_once(n):
     np.testing.assert_allclose(np.linalg.det(edges), 1 / n**2, rtol=1e-12)
 
 
+@pytest.mark.parametrize("divisions", [[], [2], [3, 1, 3, 2, 1]])
+def test_tables_of_all_lattices_are_those_of_each_in_turn(divisions):
+    found = lattice.of_all(np.array(divisions, np.int64), lattice.element_vertices)
+    assert found.tolist() == [row for n in divisions for row in lattice.element_vertices(n).tolist()]
+
+
 @given(
     st.integers(1, 40),
     st.floats(0, 1),

@@ -67,13 +67,9 @@ def vertices_of_elements(divisions: Int64) -> Int64:
 
     divisions : (T,) parts of each triangle's edges
     """
-    found = np.empty((int((divisions**2).sum()), 3), np.int64)
-    element = vertex = 0
-    for n in divisions.tolist():
-        np.add(lattice.element_vertices(n), vertex, out=found[element : element + n * n])
-        element += n * n
-        vertex += (n + 1) * (n + 2) // 2
-    return found
+    first = lattice.starts(lattice.vertex_count(divisions))[:-1]
+    own = lattice.of_all(divisions, lattice.element_vertices)
+    return np.asarray(own + np.repeat(first, lattice.element_count(divisions))[:, None])
 
 
 def leaves(divisions: Int64, leaf_size: NDArray[np.uint16]) -> Int64:

@@ -8,7 +8,9 @@ numbered row by row.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +35,21 @@ def vertex_count(n: ArrayLike) -> Int64:
 def starts(counts: ArrayLike) -> Int64:
     """Return (T + 1,) start indices of each triangle's elements or vertices, followed by their total number."""
     return np.concatenate([[0], np.cumsum(np.asarray(counts, np.int64))])
+
+
+def of_all(divisions: Int64, table: Callable[[int], NDArray[Any]]) -> NDArray[Any]:
+    """Return `table(n)` (k, ...) of each triangle, concatenated.
+
+    divisions : (T,) parts of each triangle's edges
+    """
+    kinds, kind = np.unique(divisions, return_inverse=True)
+    tables = [table(int(n)) for n in kinds]
+    first = starts(np.array([len(rows) for rows in tables], np.int64)[kind])
+    sample = table(1)
+    found = np.empty((first[-1], *sample.shape[1:]), sample.dtype)
+    for number, rows in enumerate(tables):
+        found[first[:-1][kind == number][:, None] + np.arange(len(rows))] = rows
+    return found
 
 
 def vertex_index(n: ArrayLike, i: ArrayLike, j: ArrayLike) -> Int64:

@@ -57,8 +57,7 @@ class Elements:
     def of_lattices(cls, divisions: Int64) -> Elements:
         """Return all elements of the triangles' lattices, in the order of `lattice`."""
         triangle = np.repeat(np.arange(len(divisions)), lattice.element_count(divisions))
-        cells = [_cells(int(n)) for n in divisions]
-        i, j, upper = np.concatenate(cells).T if cells else np.zeros((3, 0), np.int64)
+        i, j, upper = lattice.of_all(divisions, _cells).T
         return cls(triangle, divisions[triangle], i, j, upper)
 
     def split(self) -> Elements:
@@ -209,16 +208,11 @@ def surfaces(scene: Scene) -> Int64:
 def weld(scene: Scene, points: Float64, group: Int64) -> Int64:
     """Return (N,) int64 numbers of points (N, 3), equal for points of one group at one position."""
     lower, upper = scene.bounds
-    steps = np.round((points - lower) / (_WELD * max(float(np.max(upper - lower)), np.finfo(float).tiny)))
-    # Sorting by two keys instead of four is three times as fast.
-    keys = np.empty((len(points), 2), np.int64)
-    keys[:, 0] = steps[:, 0].astype(np.int64) << 21 | steps[:, 1].astype(np.int64)
-    keys[:, 1] = steps[:, 2].astype(np.int64) << 32 | group
-    order = np.lexsort(keys.T)
-    fresh = np.any(np.diff(keys[order], axis=0, prepend=keys[order[:1]] - 1) != 0, axis=1)
-    numbers = np.empty(len(points), np.int64)
-    numbers[order] = np.cumsum(fresh) - 1
-    return numbers
+    step = _WELD * max(float(np.max(upper - lower)), np.finfo(float).tiny)
+    x, y, z = np.round((points - lower) / step).astype(np.int64).T  # 0 to 2^21
+    # Two sorts by one integer are faster than one by several.
+    position = np.unique((x << 21 | y) << 21 | z, return_inverse=True)[1]
+    return np.asarray(np.unique(position << 32 | group, return_inverse=True)[1])
 
 
 def occluder_of_triangle(parallelogram: NDArray[np.bool_]) -> Int32:

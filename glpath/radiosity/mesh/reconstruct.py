@@ -107,23 +107,19 @@ class _Nodes:
     def __init__(self, mesh: Mesh) -> None:
         corners_of = mesh.elements.points(mesh.scene, np.eye(3))
         surface = mesh.surface[mesh.elements.triangle]
-        ends, of_surface = _edges_with_middles(corners_of, surface)
-        corners = corners_of.reshape(-1, 3)
-        number = weld(
-            mesh.scene,
-            np.concatenate([corners, ends.mean(axis=1), ends.reshape(-1, 3)]),
-            np.concatenate([np.repeat(surface, 3), of_surface, np.repeat(of_surface, 2)]),
-        )
-        used, compact = np.unique(number[: len(corners)], return_inverse=True)
-        self.size = len(used)
-        self.of = compact.reshape(-1, 3)
-        node = np.full(number.max(initial=-1) + 1, -1, np.int64)
-        node[used] = np.arange(len(used))
-        middle, pairs = node[number[len(corners) :]][: len(ends)], node[number[len(corners) + len(ends) :]]
-        found = np.column_stack([middle, pairs.reshape(-1, 2)])
+        points, of_surface, ends = _edges_with_middles(corners_of, surface)
+        number = weld(mesh.scene, points, of_surface)
+        count = 3 * len(corners_of)
+        used = np.zeros(number.max(initial=-1) + 1, np.bool_)
+        used[number[:count]] = True
+        self.size = int(np.count_nonzero(used))
+        node = np.where(used, np.cumsum(used) - 1, -1)[number]
+        self.of = node[:count].reshape(-1, 3)
+        found = np.column_stack([node[count:], node[ends]])
         exists = (found >= 0).all(axis=1)
         # Edges are sorted longest first. Of edges that share a midpoint, which are equivalent, one is kept.
-        order = np.argsort(-np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[exists], kind="stable")
+        start, stop = np.moveaxis(points[ends[exists]], 1, 0)
+        order = np.argsort(-np.linalg.norm(stop - start, axis=1), kind="stable")
         found = found[exists][order]
         self.hanging = found[np.sort(np.unique(found[:, 0], return_index=True)[1])]
 
@@ -163,23 +159,32 @@ class _Nodes:
             values[self.hanging[:, 0]] = wanted
 
 
-def _edges_with_middles(corners_of: Float64, surface: Int64) -> tuple[Float64, Int64]:
-    """Return the ends (m, 2, 3) of edges that may have a vertex in their middle, and their surfaces (m,).
+def _edges_with_middles(corners_of: Float64, surface: Int64) -> tuple[Float64, Int64, Int64]:
+    """Return points (P, 3), their surfaces (P,), and the ends (m, 2) of edges that may have a vertex in the middle.
 
-    corners_of : (E, 3, 3). Half edges are included if their surface has edges that short
+    The points are the corners of all elements, then the middles of these edges. Ends are indices of points. Half
+    edges are included if their surface has edges that short.
+
+    corners_of : (E, 3, 3)
     """
-    ends = np.stack([corners_of, np.roll(corners_of, -1, axis=1)], axis=2).reshape(-1, 2, 3)
+    corner = np.arange(3 * len(corners_of)).reshape(-1, 3)
+    ends = np.stack([corner, np.roll(corner, -1, axis=1)], axis=2).reshape(-1, 2)
+    start = corners_of.reshape(-1, 3)
+    stop = start[ends[:, 1]]
     of = np.repeat(surface, 3)
+    length = np.linalg.norm(stop - start, axis=1)
     shortest = np.full(surface.max(initial=-1) + 1, np.inf)
-    np.minimum.at(shortest, of, np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
-    found, groups = [np.zeros((0, 2, 3))], [np.zeros(0, np.int64)]
-    while True:
-        long = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > 1.9 * shortest[of]
-        if not long.any():
-            return np.concatenate(found), np.concatenate(groups)
-        ends, of = ends[long], of[long]
-        found.append(ends)
+    np.minimum.at(shortest, of, length)
+    points, groups, edges, count = [start], [of], [np.zeros((0, 2), np.int64)], len(start)
+    while np.any(long := length > 1.9 * shortest[of]):
+        start, stop, ends, of, length = start[long], stop[long], ends[long], of[long], 0.5 * length[long]
+        middle = 0.5 * (start + stop)
+        points.append(middle)
         groups.append(of)
-        middle = ends.mean(axis=1)
-        ends = np.concatenate([np.stack([ends[:, 0], middle], axis=1), np.stack([middle, ends[:, 1]], axis=1)])
-        of = np.tile(of, 2)
+        edges.append(ends)
+        number = count + np.arange(len(ends))
+        count += len(ends)
+        ends = np.concatenate([np.stack([ends[:, 0], number], axis=1), np.stack([number, ends[:, 1]], axis=1)])
+        start, stop = np.concatenate([start, middle]), np.concatenate([middle, stop])
+        of, length = np.tile(of, 2), np.tile(length, 2)
+    return np.concatenate(points), np.concatenate(groups), np.concatenate(edges)

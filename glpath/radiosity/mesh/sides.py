@@ -12,18 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.radiosity.mesh.mesh import Elements, Int64
-from glpath.radiosity.shafts.occluders import is_closed
+from glpath.radiosity.shafts.occluders import closed_shapes
 from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
 from glpath.scene.sight import winding_number
 from glpath.system.kernels import kernel
+from glpath.system.machine import in_threads
 
 #: Number of parts of an edge of a partly buried element, for choosing its points and measuring its open area.
 _FINE = 8
 #: Distance of ray origins from the surface, as a fraction of the coordinates; coordinates in files have 24 bits.
 _OFF = 1e-6
+#: Number of points that a thread tests at a time.
+_TOGETHER = 1 << 12
 
 
 @dataclass(frozen=True)
@@ -197,11 +200,7 @@ def _inhabited(scene: Scene) -> NDArray[np.bool_]:
 
 def has_solids(scene: Scene) -> bool:
     """Return True if a shape is a closed surface but not a room, so that other surfaces may be buried in it."""
-    inhabited = _inhabited(scene)
-    return any(
-        shape.primitive == "triangle" and not room and is_closed(scene.triangles[part])
-        for part, shape, room in zip(scene.shapes.ranges, scene.shapes, inhabited, strict=True)
-    )
+    return bool(np.any(closed_shapes(scene) & ~_inhabited(scene)))
 
 
 def in_the_open(
@@ -217,11 +216,17 @@ def in_the_open(
     therefore start off the surface by more than rounding. Of two such faces, an exit from a solid takes precedence.
     """
     free = np.zeros(len(points), np.bool_)
-    of_solid, room = np.ascontiguousarray(solid), np.empty((3, 3))
+    of_solid, normals = np.ascontiguousarray(solid), np.ascontiguousarray(normals)
     extent = float(np.ptp(scene.triangles.reshape(-1, 3), axis=0).max(initial=0.0))
     off = _OFF * (np.abs(points).max(axis=1, initial=0.0) + 0.01 * extent)
     rays = rays or rays_of(scene)
-    _in_the_open(rays, of_solid, scene.normals, points + off[:, None] * normals, normals, off, room, free)
+    origins, face = points + off[:, None] * normals, scene.normals
+
+    def part(begin: int, end: int) -> None:
+        some = (array[begin:end] for array in (origins, normals, off))
+        _in_the_open(rays, of_solid, face, *some, np.empty((3, 3)), free[begin:end])
+
+    in_threads(len(points), _TOGETHER, part)
     return free
 
 

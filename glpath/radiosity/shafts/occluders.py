@@ -102,9 +102,7 @@ class Occluders:
         corners, first, two = np.empty((count, 3, 3)), np.empty(count, np.int32), np.zeros(count, np.bool_)
         n = _parallelograms(triangles, shape, corners, first, two)
         corners, first, two = corners[:n].copy(), first[:n].copy(), two[:n].copy()
-        closed = np.zeros(len(scene.shapes), bool)
-        for i, part in enumerate(scene.shapes.ranges):
-            closed[i] = scene.shapes[i].primitive == "triangle" and is_closed(triangles[part])
+        closed = closed_shapes(scene)
         clear = None
         appearance = Appearance(scene)
         see_through = appearance.varies("opacity") | (appearance.clear_shares() > 0)
@@ -209,14 +207,26 @@ class Occluders:
         return np.stack([a, b, c, fourth], axis=1)
 
 
-def is_closed(triangles: Float64) -> bool:
-    """Return True if every edge occurs once in each direction; vertices are compared exactly."""
-    vertices = triangles.reshape(-1, 3) + 0.0  # -0 is 0
-    _, which = np.unique(vertices, axis=0, return_inverse=True)
-    faces = which.reshape(-1, 3)
-    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
-    there = np.unique(edges, axis=0)
-    return len(there) == len(edges) and np.array_equal(there, np.unique(edges[:, ::-1], axis=0))
+def closed_shapes(scene: Scene) -> NDArray[np.bool_]:
+    """Return (S,) bool, True for shapes of triangles in which every edge occurs once in each direction.
+
+    Vertices are compared exactly.
+    """
+    shape = np.repeat(scene.triangle_shape.astype(np.int64), 3)
+    vertex = shape
+    for coordinate in scene.triangles.reshape(-1, 3).T:
+        value = np.unique(coordinate, return_inverse=True)[1]
+        vertex = np.unique(vertex << 32 | value, return_inverse=True)[1]
+    following = np.roll(vertex.reshape(-1, 3), -1, axis=1).ravel()
+    edges, reversed_edges = vertex << 32 | following, following << 32 | vertex
+    order = np.argsort(edges)
+    found = edges[order]
+    repeated = order[1:][found[1:] == found[:-1]]
+    single = found[np.searchsorted(found[:-1], reversed_edges)] != reversed_edges
+    closed = np.array([s.primitive == "triangle" for s in scene.shapes], bool)
+    closed &= np.bincount(scene.triangle_shape, minlength=len(closed)) > 0
+    closed[shape[repeated]] = closed[shape[single]] = False
+    return closed
 
 
 @kernel

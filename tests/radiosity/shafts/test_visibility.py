@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from itertools import product
 
@@ -15,6 +16,7 @@ import glpath
 from glpath.errors import UsageError
 from glpath.io import load_scene
 from glpath.radiosity import PAPER, Emitter, Occluders, Receivers, ShaftOptions, Visibility, facing, visible
+from glpath.radiosity.shafts.occluders import closed_shapes
 from glpath.radiosity.shafts.options import ORDERS, STRATEGIES
 from tests.support.visibility import visible_by_all
 
@@ -244,6 +246,20 @@ def test_two_triangles_of_a_parallelogram_are_one_occluder() -> None:
     assert len(furnace) == 6
     assert furnace.parallelogram.all()
     assert furnace.solid.all()
+
+
+def closed_by_counting(triangles: np.ndarray) -> bool:
+    """Whether each edge of triangles (N, 3, 3) occurs once in each direction, by a slow, obvious count."""
+    edges = Counter((tuple(t[k] + 0.0), tuple(t[(k + 1) % 3] + 0.0)) for t in triangles for k in range(3))
+    return all(count == 1 and edges[stop, start] == 1 for (start, stop), count in list(edges.items()))
+
+
+def test_a_shape_is_closed_if_every_edge_occurs_once_in_each_direction() -> None:
+    room = load_scene("room")
+    expected = [closed_by_counting(room.triangles[part]) for part in room.shapes.ranges]
+    assert closed_shapes(room).tolist() == expected
+    assert any(expected)
+    assert not all(expected)
 
 
 def test_points_far_beyond_the_occluders_are_refused() -> None:
