@@ -1,6 +1,6 @@
 """Readers and writers of scene and model files, and the shipped scenes.
 
-Each public name imports its module when it is first used, so that a command's help loads no reader.
+The module of a public name is imported when the name is first used, so that printing a command's help is fast.
 """
 
 from __future__ import annotations

@@ -42,14 +42,14 @@ class Assets:
     """Assets of one scene. Each file is read once per animation time, and its copies share meshes.
 
     folder      : base folder of relative paths
-    number      : index of each of the scene's own materials, by name
-    materials   : materials of the scene; those of the assets are appended
-    textures    : textures of the scene; those of the assets are appended
+    number      : index in `materials` of each material of the scene file, by name
+    materials   : materials of the scene file, followed by those of the assets
+    textures    : textures of the scene file, followed by those of the assets
     shutter     : times at which the camera's shutter opens and closes, seconds, for moving assets
     unit        : unit of light in the scene
-    beside_map  : True if light of models that have no unit in the scene file is not converted, but taken in the
-                  unit of the environment map
-    photometric : file of the first model whose photometric light has no unit in the scene file, or empty
+    beside_map  : True if photometric light of a model keeps its numbers, which then are in the unit of the
+                  environment map. An asset with a `unit` in the scene file is converted nevertheless
+    photometric : file of the first asset that has photometric light but no `unit` in the scene file; empty if none
     """
 
     folder: Path
@@ -69,7 +69,7 @@ class Assets:
     def add(self, given: Sequence[Asset], location: SourceLocation) -> None:
         """Add the assets of a scene file's list at `location`.
 
-        Raises SceneError. Warns once of each kind of content in an asset's file that is not used.
+        Raises SceneError. Warns of unused content of each file, once for each kind of content.
         """
         for index, asset in enumerate(given):
             self._add(asset, location.item(index))
@@ -93,10 +93,10 @@ class Assets:
                 self.photometric = self.photometric or given.file
         for shape in model.shapes:
             material, emission = read.first_material + shape.material, shape.emission
-            if not self.materials[material].unlit:  # the colour of an unlit material is no physical light
+            if not self.materials[material].unlit:  # unlit materials have colours, not physical light
                 emission = factor * emission
             if shape.material in replaced:
-                # Emission belongs to the replaced material, so the shape loses it.
+                # Emission is part of the replaced material, so the shape no longer emits.
                 material, emission = replaced[shape.material], np.zeros(3)
             here = self._placed(shape, world, self.materials[material].needs_uv, location)
             here = self._moving(here, shape.motion, world, moved, began)
@@ -148,10 +148,11 @@ class Assets:
     def _moving(
         self, shape: Shape, own: Motion | None, world: Float64, moved: Motion | None, began: float
     ) -> Shape:
-        """Return the placed shape with its own motion in the model and the asset's motion combined.
+        """Return the placed shape with its motion within the model and the asset's motion combined.
 
-        own   : motion of the shape within the model, in seconds of the model's animations
-        moved : motion of the asset
+        own   : motion of the shape within the model, at times of the model's animation in seconds; None if none
+        world : (4, 4) matrix from model space to the scene, without the asset's motion
+        moved : motion of the asset in the scene; None if it stays
         began : animation time at scene time 0, in seconds
         """
         if own is None and moved is None:
@@ -172,7 +173,7 @@ class Assets:
         return replace(shape, world_from_object=motion.at(self.shutter[0]), motion=motion)
 
     def _replaced(self, given: Asset, read: _Read, location: SourceLocation) -> dict[int, int]:
-        """Return indices of scene materials, by the indices of the model materials that they replace."""
+        """Return, for each model material that is replaced, its index and the index of the scene material."""
         names = [material.name for material in read.model.materials]
         found: dict[int, int] = {}
         for old, new in given.materials.items():
@@ -191,7 +192,7 @@ class Assets:
     def _placed(self, shape: Shape, world: Float64, textured: bool, location: SourceLocation) -> Shape:
         """Return the shape in world space.
 
-        A `textured` shape without texture coordinates gets projected ones, as a mesh of the scene does.
+        If it is `textured` and has no texture coordinates, projected ones are added.
         """
         maps = shape.world_from_object
         whole = np.concatenate([maps, np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(maps), 1, 4))], axis=1)

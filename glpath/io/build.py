@@ -32,22 +32,22 @@ from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
 
-# Maximum distance between the two diagonals of a planar quad, in quad diameters. Coordinates with three digits have
-# smaller rounding errors.
+# Maximum distance between the two diagonals of a planar quad, as a fraction of the longer diagonal. Quads beyond it
+# are rejected. Rounding coordinates to three digits stays below it.
 _PLANAR = 1e-3
 DEFAULT_MATERIAL = "default"
-# Field of view, degrees, of cameras whose projection has none; also the default of perspective cameras.
+# Field of view, degrees, stored for panorama and orthographic cameras, which ignore it.
 _FOV = 40.0
 
 
 def build(
     file: SceneFile, location: SourceLocation, folder: Path, name: str, meshes: Mapping[int, Mesh | Chunks]
 ) -> Scene:
-    """Return the scene that `file` describes. Raises SceneError; warns with SceneWarning of triangles without area.
+    """Return the scene that `file` describes. Raises SceneError. A SceneWarning reports triangles without area.
 
     folder : base folder of relative paths of meshes and pictures
     name   : name of the scene if the file does not set one
-    meshes : meshes and streams that are already in memory, by the index of their shape
+    meshes : meshes and streams that are already in memory, by index of the shape in `file.shapes`
     """
     camera = _camera(file)
     check_camera(camera, location.source)
@@ -115,7 +115,7 @@ def build(
             lights.emission(given.emission, here.field("emission"), scene_unit, shape, surfaces[material])
         )
 
-    # In practice neither environment maps nor glTF emission have a physical unit, so 1 means the same in both.
+    # In practice environment maps and glTF emission have no physical unit, so 1 is equally bright in both.
     beside_map = isinstance(file.unit, UnsetType) and (is_aside("sky") or _has_map(file))
     assets = Assets(folder, number, list(surfaces), list(textures), camera.shutter, scene_unit, beside_map)
     assets.add(file.assets, location.field("assets"))
@@ -195,7 +195,7 @@ def _world(given: AnyShape, location: SourceLocation) -> Float64:
 
 
 def _sphere(given: description.Sphere, location: SourceLocation) -> Float64:
-    """Return the (3, 4) matrix world_from_unit; its determinant is negative if the front is inside."""
+    """Return the (3, 4) matrix world_from_unit_sphere; its determinant is negative if the front faces inwards."""
     unit_to_shape = np.column_stack([given.radius * np.identity(3), given.center])
     matrix = unit_to_shape
     if given.transform:
@@ -215,7 +215,8 @@ def _sphere(given: description.Sphere, location: SourceLocation) -> Float64:
 def _plane(given: description.Plane, location: SourceLocation) -> Float64:
     """Return the (3, 4) matrix world_from_plane.
 
-    u, v and the normal are right-handed, so that textures are not mirrored on the front.
+    Its columns are u, v, the normal and a point of the plane. u, v and the normal are right-handed, so that
+    textures are not mirrored on the front.
     """
     normal = unit(given.normal, location.field("normal"), "normal = [0, 1, 0]")
     if isinstance(given.u, UnsetType):
@@ -294,8 +295,8 @@ def _mesh(
 
     mirrored : True if the transform swaps fronts and backs
     ready    : mesh that is already in memory, or None
-    known    : cache of meshes by path or mesh object, `textured`, and True if the winding is flipped; shapes of one
-               file thus become instances of one mesh
+    known    : cache of meshes, so that shapes of one file share one mesh. The key is the path or the mesh object,
+               `textured`, and True if the winding is flipped
     """
     reverse = given.flip_normals != mirrored
     match given:
@@ -346,7 +347,7 @@ def _check_quad(corners: Float64, location: SourceLocation) -> None:
             "List four corners around the outline.",
         )
     normal /= np.linalg.norm(normal)
-    # The normal is perpendicular to both diagonals, so the two diagonals lie in parallel planes.
+    # The diagonals lie in two planes perpendicular to the normal; `height` is the distance between these planes.
     height = abs(normal @ (corners[1] - corners[0]))
     if height > _PLANAR * diameter:
         raise location.error(

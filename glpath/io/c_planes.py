@@ -1,6 +1,6 @@
-"""Resample photometric webs of files to the regular grid of a `LightProfile` with all C planes.
+"""Resample the intensities of a photometric file to the regular grid of a `LightProfile`, with all C planes.
 
-Source: CIE 121, the planes of type C.
+Source: CIE 121, the system of C planes.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from glpath.scene.profile import LightProfile
 MAX_ANGLES = 7201
 #: Maximum number of intensities of a profile, both in the file and on the regular grid.
 MAX_VALUES = 1 << 20
-# Maximum number of steps per degree in the regular grid. Angles of files are usually multiples of such a step.
+# Maximum number of grid steps per degree. Angles in files are usually multiples of a hundredth of a degree.
 _PARTS = 100
 
 
 def all_around(c: Float64, candela: Float64) -> tuple[Float64, Float64]:
-    """Return C angles from 0 to 360 degrees, both included, with their candela.
+    """Return C angles that begin at 0 and end at 360 degrees, and the candela in each plane.
 
-    Planes that the file leaves out are mirror images of given planes. A single plane holds for all C angles.
+    Planes that the file omits are mirror images of given planes. A single plane is used for all C angles.
 
     c       : (C,) degrees, one of the ranges 0 alone, 0 to 90, 0 to 180, 0 to 360, or 90 to 270
     candela : (C, gamma) intensities in the planes
@@ -45,15 +45,19 @@ def all_around(c: Float64, candela: Float64) -> tuple[Float64, Float64]:
 
 
 def _mirrored(c: Float64, candela: Float64, at: float) -> tuple[Float64, Float64]:
-    """Append the mirror images of planes about the last angle `at`, and return all angles and candela."""
+    """Append the mirror image of each plane about `at`, which is the last angle; return all angles and candela."""
     return np.append(c, 2 * at - c[-2::-1]), np.concatenate([candela, candela[-2::-1]])
 
 
 def on_regular_grid(c: Float64, candela: Float64, gamma: Float64) -> LightProfile:
     """Return the profile resampled to a regular grid.
 
-    The grid contains all given angles if they are multiples of a hundredth of a degree, and if the grid then has at
-    most 1440 steps of C and `MAX_VALUES` intensities. Otherwise the grid has the finest steps within these limits.
+    A grid has at most 1440 steps of C and `MAX_VALUES` intensities. If a grid within these limits contains all
+    given angles, it is used. Otherwise the grid has the finest steps that the limits allow.
+
+    c       : (C,) degrees, from 0 to 360
+    candela : (C, gamma) intensities
+    gamma   : (gamma,) degrees, ascending
     """
     span = (float(gamma[0]), float(gamma[-1]))
     rows = _steps(c, 360.0, 1440)
@@ -66,10 +70,9 @@ def on_regular_grid(c: Float64, candela: Float64, gamma: Float64) -> LightProfil
 
 
 def _steps(angles: Float64, span: float, max_steps: int) -> int:
-    """Return the smallest number of equal steps over `span` such that each angle is at the end of a step.
+    """Return the smallest number of equal steps in `span` degrees such that every angle is a step boundary.
 
-    Return `max_steps` if the angles need smaller steps than a hundredth of a degree, or more than `max_steps`
-    steps.
+    Return `max_steps` if this takes steps smaller than a hundredth of a degree, or more than `max_steps` steps.
     """
     parts = np.rint(np.diff(angles) * _PARTS).astype(np.int64)
     if np.allclose(np.cumsum(parts) / _PARTS, angles[1:] - angles[0], rtol=0, atol=1e-6) and np.all(parts > 0):

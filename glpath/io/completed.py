@@ -1,4 +1,4 @@
-"""Defaults of a scene without camera or light: a camera that sees everything, and a studio."""
+"""Add a default camera to a scene without a camera, and studio light to a scene without light."""
 
 from __future__ import annotations
 
@@ -22,37 +22,40 @@ from glpath.scene.studio import ground_below, nearest_axis, studio
 
 #: Default image width and height in pixels.
 RESOLUTION = (512, 512)
-#: Placeholder until a scene has its own camera.
+#: Placeholder camera while a scene without a camera is built.
 NO_CAMERA = Camera(np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0, 0.0]), 40.0, RESOLUTION)
-# Mean radiance on a box around a model above which its lamps light it; the studio has radiance 1.
+# Minimum mean radiance that a model's lamps cause on its bounding box. Below it they do not count as light, and a
+# studio is added. White in a studio has radiance 1.
 _LAMP = 0.01
 # Height of the eye of a camera in a room, as a fraction of the room's height.
 _EYE = 0.6
-# Height of its target, as a fraction of the room's height.
+# Height of the target of a camera in a room, as a fraction of the room's height.
 _TARGET = 0.45
-# Distance of the eye from the middle of the room, as a fraction of half the extent.
+# Horizontal offset of the eye from the middle of the room along each axis, as a fraction of the half extent.
 _FROM_MIDDLE = 0.85
-# Field of view of this camera, degrees.
+# Field of view of a camera in a room, degrees.
 _FOV = 70.0
-# Minimum fraction of directions in which a room has a wall.
+# Minimum fraction of directions from the eye in which a room has a wall. Below it the scene is no room.
 _CLOSED = 0.9
-# Maximum number of triangles of a scene that is tested for a room.
+# Scenes with more triangles are not tested for being a room.
 _MAX_ROOM_TRIANGLES = 2**21
-# Maximum emission of a surface that is not a lamp: the radiance of white in the studio.
+# Maximum emission of a surface that glows without being a lamp. White in the studio has this radiance.
 _FAINT = 1.0
-#: Parts of a scene that some callers do not need.
+#: Parts of a scene that a caller can declare unneeded, see `aside`.
 Part = Literal["camera", "view", "light", "picture", "sky"]
-#: Unused parts of a scene.
+#: Parts that the surrounding `aside` contexts declare unneeded.
 _ASIDE: ContextVar[frozenset[str]] = ContextVar("aside", default=frozenset())
 
 
 @contextmanager
 def aside(*parts: Part) -> Iterator[None]:
-    """Return a context in which loaded scenes do not need these parts, so that replacing them gives no warning.
+    """Return a context in which scenes are loaded by a caller that does not need these parts.
 
-    If "picture" is unneeded, a white sky instead of a studio replaces missing light. If "view" is unneeded, a
-    camera is still needed, but something else replaces its pose, so the pose is not reported. If "sky" is unneeded,
-    an environment map replaces the sky.
+    "camera"  : no warning of an added camera
+    "view"    : no warning of an added camera either, because the caller replaces its pose
+    "light"   : no warning of added light
+    "picture" : missing light is replaced by a white sky instead of a studio
+    "sky"     : the caller replaces the sky by an environment map
     """
     before = _ASIDE.set(_ASIDE.get() | set(parts))
     try:
@@ -72,7 +75,10 @@ def uniform_sky(*, assumed: bool = False) -> Sky:
 
 
 def camera_replaced(camera: object) -> AbstractContextManager[None]:
-    """Return the context for loading a scene whose camera is replaced, as a whole or in part by a dictionary."""
+    """Return the context for loading a scene whose camera the caller replaces by `camera`.
+
+    camera : replacement for the whole camera, or a dictionary of some of its fields; None keeps the camera or field
+    """
     replaced = (
         camera is not None if not isinstance(camera, Mapping) else any(v is not None for v in camera.values())
     )
@@ -84,7 +90,8 @@ def completed(
 ) -> Scene:
     """Return the scene with a camera and light; a SceneWarning names each added part that is not `aside`.
 
-    has_camera    : False adds a camera that frames everything, with the resolution of the scene's camera
+    has_camera    : False adds a camera inside a room, or else one that frames everything; the resolution is that of
+                    the scene's camera
     up            : up axis of an added camera: (3,) vector, name, or "guess"; see `glpath.io.up_axis`
     lying         : True if flat objects lie rather than stand, see `evidence_for_z`
     glow_is_light : False if a faint glow only decorates the model and does not light the scene, see `_glows`
@@ -109,8 +116,8 @@ def completed(
     emitters = [shape for shape in scene.shapes if shape.emits]
     is_lit = bool(scene.lights or scene.sky or np.any(scene.ambient > 0))
     is_lit = is_lit or (bool(emitters) if glow_is_light else _lamps_light(scene))
-    # A scene of unlit materials alone is visible without light, but its image still needs a background. A scene
-    # with its own camera is left alone, because that camera shows the baked surroundings as intended.
+    # A scene whose materials are all unlit is visible without light, so it needs only a background. With its own
+    # camera it gets none, because that camera shows the baked surroundings as intended.
     needs_light = not emitters or any(not scene.materials[shape.material].unlit for shape in scene.shapes)
     in_studio = not is_aside("picture")
     if not is_lit and not needs_light and not has_camera and in_studio:
@@ -129,8 +136,8 @@ def completed(
 def _camera_inside(scene: Scene, up: Float64) -> Camera | None:
     """Return a camera that looks across a room from one corner; None if the scene is not a room.
 
-    A room has walls whose fronts face inwards in at least 90 % of all directions. A room whose walls have thickness
-    is a solid body.
+    In a room, at least 90 % of all directions from the eye meet a wall that faces inwards. Rooms with thick walls
+    are not found, because the outer faces of a wall cancel the inner ones in the winding number.
     """
     if scene.shapes.total("triangle") > _MAX_ROOM_TRIANGLES or scene.shapes.streams:
         return None
@@ -161,15 +168,15 @@ def _in_studio(scene: Scene) -> Scene:
 
 
 def _lamps_light(scene: Scene) -> bool:
-    """Return True if emitters light the scene: with more than `_LAMP` mean radiance on a box around it.
+    """Return True if lamps light the scene, that is, if their `emitted_radiance` is above `_LAMP`.
 
-    A filament or a row of diodes does not light it; without other light the image would be black.
+    A filament or a row of diodes is too weak: with no other light the image would be black.
     """
     return emitted_radiance(scene, lambda s: s.primitive == "triangle" and not _glows(scene, s)) > _LAMP
 
 
 def _remedy(scene: Scene, emitters: Sequence[Shape]) -> str:
-    """Return a hint in brackets how to make a glow count as light; empty if all emitters are unlit."""
+    """Return a hint in brackets that explains when a glow counts as light; empty if all emitters are unlit."""
     lit = [shape for shape in emitters if not scene.materials[shape.material].unlit]
     if not lit:
         return ""
@@ -183,7 +190,7 @@ def _remedy(scene: Scene, emitters: Sequence[Shape]) -> str:
 def _glows(scene: Scene, shape: Shape) -> bool:
     """Return True if the shape is unlit, or emits no more light than white reflects in a studio.
 
-    Models that are meant to be lit by their surroundings have screens and small lamps, which light nothing in
-    viewers. A shape that is meant to light a scene emits more.
+    Many models have glowing screens and small lamps, but are meant to be lit by their surroundings, because in
+    model viewers a glow lights nothing. A shape that is meant to light a scene emits more.
     """
     return scene.materials[shape.material].unlit or bool(np.all(shape.emission <= _FAINT))

@@ -1,4 +1,4 @@
-"""Skies of a scene file for a time of day: from irradiances and a sun, a site and time, or a weather file."""
+"""Skies of type "perez" and "sun": from irradiances and a sun, from a site and time, or from a weather file."""
 
 from __future__ import annotations
 
@@ -22,17 +22,18 @@ _WHERE = ("altitude", "azimuth", "latitude", "longitude", "timezone", "time", "w
 #: Fields that only skies of type "perez" or "sun" have.
 OF_DAYS = ("direct", "diffuse", *_WHERE, "sun_disc", "spectrum")
 _GROUND = {"perez": 0.2, "sun": 0.0}
-# Maximum irradiance, W m^-2. Orbital eccentricity adds 4 % to the solar constant; more indicates a wrong unit.
+# Maximum irradiance, W m^-2. Orbital eccentricity adds up to 4 % to the solar constant; a value above the maximum
+# indicates a wrong unit, such as lux.
 _MAX_IRRADIANCE = 1.05 * SOLAR_CONSTANT
 
 
 class _Sun(NamedTuple):
-    """Position of the sun, and known data of the day.
+    """Position of the sun, and the data of the day that its site or weather file gives.
 
     direction        : (3,) unit vector towards the sun
     altitude         : degrees above the horizon
     extraterrestrial : irradiance of a surface that faces the sun above the atmosphere, W m^-2
-    irradiance       : direct normal and diffuse horizontal irradiance, W m^-2; None if the sky must give them
+    irradiance       : direct normal and diffuse horizontal irradiance, W m^-2; None if the sky has its own
     water            : precipitable water, cm
     """
 
@@ -65,8 +66,8 @@ def day_sky(
         raise location.error(
             "is dark: neither direct nor diffuse irradiance.", "Take another hour, or give `direct` and `diffuse`."
         )
-    # PerezSky counts a diffuse irradiance of 0 as 1e-6. Only a sun with a solar spectrum may lack diffuse
-    # irradiance, and such a sun needs no efficacy.
+    # PerezSky counts a diffuse irradiance of 0 as 1e-6. Only a sun with a solar spectrum may omit `diffuse`, and
+    # then no efficacy is used.
     sky = PerezSky.of(direct, diffuse, sun.altitude, sun.extraterrestrial)
     scale = 1.0 if scene_unit == "photometric" else 1.0 / EFFICACY
     of_direct = 1.0 if solar else scale * float(sky.direct_efficacy(sun.water))
@@ -78,12 +79,12 @@ def day_sky(
 
 
 def north_of(up: Float64, given: object, location: SourceLocation) -> Float64:
-    """Return the (3,) horizontal unit vector to the north: `given`, or the convention for the axis `up`.
+    """Return the (3,) horizontal unit vector to the north: along `given`, or by convention if `given` is unset.
 
     Raises SceneError.
     """
     if isinstance(given, UnsetType):
-        # If y or z is up, east is x, so that north is at the top of a map with x to the right.
+        # If y or z is up, east is x, as on a map with x to the right and north at the top.
         usual = ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0])
         towards = np.array(usual[int(np.argmax(np.abs(up)))])
     else:
@@ -96,7 +97,7 @@ def north_of(up: Float64, given: object, location: SourceLocation) -> Float64:
 
 
 def towards(altitude: float, azimuth: float, north: Float64, up: Float64) -> Float64:
-    """Return the (3,) unit vector towards an altitude and an azimuth from north by east, both in degrees."""
+    """Return the (3,) unit vector for an altitude and an azimuth, in degrees; azimuth 90 is east."""
     a, z = np.radians(altitude), np.radians(azimuth)
     east = np.cross(north, up)
     return np.asarray(np.cos(a) * (np.cos(z) * north + np.sin(z) * east) + np.sin(a) * up)
@@ -176,7 +177,10 @@ def _of_weather(
 
 
 def _time(given: description.Sky, zone: float | None, location: SourceLocation) -> datetime:
-    """Return the time of the sky with its UTC offset. Raises SceneError."""
+    """Return the time of the sky with its UTC offset. Raises SceneError.
+
+    zone : hours east of UTC, for a time without an offset; None if unknown
+    """
     location = location.field("time")
     try:
         time = datetime.fromisoformat(str(given.time))

@@ -2,7 +2,7 @@
 
     line        value
     1           name of the maker
-    2, 3        type and symmetry: 0 none, 1 about the axis, 2 to the plane C0-C180, 3 to C90-C270, 4 to both
+    2, 3        type; symmetry: 0 none, 1 about the axis, 2 about the plane C0-C180, 3 about C90-C270, 4 about both
     4, 5        number of C planes from 0 to 360 degrees, and their spacing
     6, 7        number of gamma angles, and their spacing
     8 to 21     names, and sizes in mm
@@ -13,11 +13,11 @@
                 are those of the luminaire
     then        ten direct ratios, all C angles, all gamma angles, and the intensities, cd per 1000 lm of the lamps.
                 Intensities have one value per gamma for each stored plane. Symmetry omits planes: 0 to 180 are
-                stored for 2, 270 over 0 to 90 for 3, 0 to 90 for 4
+                stored for 2, 270 to 360 and 0 to 90 for 3, 0 to 90 for 4
 
-An intensity in candela is the value times line 24 times the lumens of a set over 1000. The light output ratio is
-already in the values. The sets are alternative lamps of the luminaire, and the first is used. The size of the
-luminaire is ignored, because it is treated as a point.
+Intensity [cd] = value * line 24 * lumens of the lamp set / 1000. The values already include the light output ratio.
+The sets are alternative lamps of the luminaire, and the first is used. The luminaire is treated as a point, so its
+size is ignored.
 
 Source:   Stockmar 1990, EULUMDAT, as Helios32 and DIAL describe it; Ashdown and DIAL, absolute photometry in
           EULUMDAT.
@@ -39,35 +39,36 @@ from glpath.scene.profile import LightProfile
 from glpath.scene.source_location import SourceLocation
 from glpath.system.numerals import real
 
-# Line number of the type, from 1.
+# Line (from 1) with the type.
 _TYPE = 2
-# Line number of the symmetry.
+# Line with the symmetry.
 _SYMMETRY = 3
-# Line number of the number of C planes.
+# Line with the number of C planes.
 _PLANES = 4
-# Line number of the number of gamma angles.
+# Line with the number of gamma angles.
 _GAMMAS = 6
-# Line number of the light output ratio.
+# Line with the light output ratio.
 _OUTPUT_RATIO = 23
-# Line number of the factor of intensities.
+# Line with the factor of all intensities.
 _FACTOR = 24
-# Line number of the number of lamp sets.
+# Line with the number of lamp sets.
 _SETS = 26
 _LINES_OF_A_SET, _DIRECT_RATIOS, _MAX_SETS = 6, 10, 20
 # First and last stored C plane for each symmetry, degrees.
 _SPANS = {2: (0.0, 180.0), 3: (270.0, 90.0), 4: (0.0, 90.0)}
-# Maximum relative difference between the light output ratio and the sum of the intensities.
+# Maximum relative difference between the stated light output ratio and the ratio that the intensities give. Above
+# it a warning is printed.
 _RATIO_TOLERANCE = 0.1
 
 
 def parse_eulumdat(data: bytes, path: Path | str, location: SourceLocation) -> LightProfile:
-    """Return the profile of a file's `data`.
+    """Return the profile in the content `data` of a file.
 
     path     : name of the file in errors
-    location : location in the scene that names the file
+    location : location in the scene file where the photometric file is named
 
-    Raises SceneError with the line. Warns with SceneWarning of several lamp sets, and of a light output ratio that
-    contradicts the intensities.
+    Raises SceneError, which gives the line. A SceneWarning reports lamp sets of different lumens, and a light
+    output ratio that contradicts the intensities.
     """
     return _Reader(data, path, location).profile()
 
@@ -77,7 +78,7 @@ class _Reader:
 
     def __init__(self, data: bytes, path: Path | str, location: SourceLocation) -> None:
         self._path, self._location = path, location
-        # Bytes are split, because str.splitlines also splits at U+0085, which is an ellipsis in Windows-1252.
+        # Split the bytes, not the text, because str.splitlines also splits at U+0085, an ellipsis in Windows-1252.
         self._lines = [line.decode("latin-1").strip() for line in data.removeprefix(b"\xef\xbb\xbf").splitlines()]
         while self._lines and self._lines[-1].strip("\x1a\0") == "":
             self._lines.pop()
@@ -111,7 +112,7 @@ class _Reader:
         if candela.max() > LARGEST:
             self._wrong(f"an intensity of up to {candela.max():.3g} cd; at most {LARGEST:g} are taken")
         if symmetry == 3:
-            # Mirror the planes to the other side, where C ascends from 90 to 270.
+            # Replace the stored planes by their mirror images, whose C angles ascend from 90 to 270.
             c, candela = 180.0 - np.where(c > 180, c - 360.0, c)[::-1], candela[::-1]
         elif symmetry == 0 and c[-1] != 360:
             c, candela = np.append(c, 360.0), np.concatenate([candela, candela[:1]])
@@ -122,13 +123,13 @@ class _Reader:
     # Methods that read parts of the file.
 
     def _lumens(self) -> float:
-        """Return the lumens of the first lamp set, and continue after the last set. Warns if the sets differ."""
+        """Return the lumens of the first lamp set, and skip the other sets. Warns if their lumens differ."""
         sets = self._whole(_SETS, "the number of sets of lamps", 1, _MAX_SETS)
         fluxes = []
         for i in range(sets):
             self._line = _SETS + _LINES_OF_A_SET * i
             self._whole(self._line + 1, "the number of lamps", -1_000_000, 1_000_000)
-            self._line += 1  # skips their type
+            self._line += 1  # skips the line with the lamps' type
             fluxes.append(self._number("the lumens of the lamps", 0.0))
             if fluxes[0] == 0:
                 self._wrong("0 as the lumens of the lamps: no light")

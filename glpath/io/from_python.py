@@ -108,7 +108,7 @@ def _of_trimesh(value: object, kind: str) -> bool:
 def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
     """Return a `trimesh.Scene` as a dictionary of the scene format: a shape for each node, and its camera if any.
 
-    others : names of further parts that are not used, for the same warning
+    others : names of unused lights, which the warning of unused parts includes
     """
     shapes: list[dict[str, Any]] = []
     dropped = set(others)
@@ -123,7 +123,7 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
         )
     if dropped:
         warn(f"scene: dropped {', '.join(sorted(dropped))}.")
-    data: dict[str, Any] = {"shapes": shapes, "unit": "photometric"}  # trimesh has materials and lights of glTF
+    data: dict[str, Any] = {"shapes": shapes, "unit": "photometric"}  # as in glTF, which trimesh follows
     if scene.has_camera:
         to_world, camera = np.asarray(scene.camera_transform), scene.camera
         eye, forward, up = to_world[:3, 3], -to_world[:3, 2], to_world[:3, 1]
@@ -133,7 +133,7 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
 
 
 def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder: Path, name: str) -> Scene:
-    """Return the scene of a dictionary. Meshes of trimesh without a given material keep their own."""
+    """Return the scene of a dictionary. trimesh meshes keep their own materials if their shapes name none."""
     shapes = data.get("shapes", [])
     if not isinstance(shapes, list | tuple):
         return scene_of(data, location, folder, name)
@@ -156,7 +156,7 @@ def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder:
     scene = scene_of({**data, "shapes": tables}, location, folder, name)
     sky = data.get("sky")
     has_map = is_aside("sky") or (isinstance(sky, Mapping) and "file" in sky and "unit" not in sky)
-    # Emission of 1 means the same radiance as 1 in an environment map without a unit, as for glTF assets.
+    # As for glTF assets, emission of 1 is as bright as a value of 1 in an environment map without a unit.
     factor = 1.0 if has_map and "unit" not in data else conversion("photometric", scene.unit)
     return _with_looks(scene, looks, surfaces.textures, factor)
 
@@ -164,7 +164,12 @@ def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder:
 def _with_looks(
     scene: Scene, looks: Mapping[int, Surface], textures: Sequence[Texture], emission_factor: float
 ) -> Scene:
-    """Return the scene with the surfaces `looks`, by index of their shape, and with the light that these emit."""
+    """Return the scene with the materials and the emission of `looks`.
+
+    looks           : surface by index of its shape
+    textures        : textures of these surfaces, which are appended to those of the scene
+    emission_factor : factor from the emission of a surface to the unit of the scene
+    """
     if not looks:
         return scene
     given = list(dict.fromkeys(map(id, looks.values())))

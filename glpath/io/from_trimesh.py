@@ -1,6 +1,6 @@
 """Materials, colours and lights of trimesh objects. trimesh is not imported here, because the caller has done so.
 
-8-bit colours are sRGB. Those of a `PBRMaterial`, and colours of vertices beside a material, are linear as in glTF.
+Colours of a `PBRMaterial`, and vertex colours of a mesh with a material, are linear, as in glTF. Others are sRGB.
 Missing fields of a `PBRMaterial` have the defaults of glTF, which are metallic and fully rough.
 """
 
@@ -19,7 +19,7 @@ from glpath.scene.model import Float64, Light, Material, Mesh, Texture, TextureS
 from glpath.system.private_interfaces import given_trimesh_lights
 
 _ALPHA: dict[str, Literal["opaque", "mask", "blend"]] = {"MASK": "mask", "BLEND": "blend"}
-#: Default colour of trimesh materials, which counts as no colour.
+#: Default 8-bit colour of trimesh materials. A material of this colour counts as one without a colour.
 _UNSAID = (102, 102, 102)
 
 
@@ -41,7 +41,10 @@ def coloured(mesh: Mesh, given: Any) -> Mesh:
 
 
 def surface_of_colours(mesh: Mesh) -> tuple[Mesh, Surface]:
-    """Return a mesh that has only colours, and its surface; a uniform colour moves to the surface."""
+    """Return a mesh without a material, and a surface for its colours.
+
+    If all colours are equal, the surface has the colour and the mesh loses its colours.
+    """
     assert mesh.colours is not None
     first = mesh.colours[0]
     if np.all(mesh.colours == first):
@@ -53,7 +56,7 @@ def surface_of_colours(mesh: Mesh) -> tuple[Mesh, Surface]:
 
 
 def _rgba(colours: Any, *, srgb: bool) -> Float64:
-    """Return (n, 4) linear Rec. 709 and alpha in [0, 1]. The maximum of an integer type counts as white."""
+    """Return (n, 4) linear Rec. 709 and alpha in [0, 1]. Integers are divided by the maximum of their type."""
     stored = np.asarray(colours)
     values = stored / np.iinfo(stored.dtype).max if stored.dtype.kind in "iu" else stored.astype(np.float64)
     values = phong.share(values)
@@ -72,7 +75,10 @@ class Surfaces:
     _alive: list[Any] = field(default_factory=list)  # keeps objects alive, so that their ids stay unique
 
     def of(self, given: Any, mesh: Mesh) -> tuple[Mesh, Surface | None]:
-        """Return `mesh`, made from the trimesh mesh `given`, with the colours of that, and its surface or None."""
+        """Return `mesh` with the colours of `given`, and its surface; None without a material and colours.
+
+        given : trimesh mesh from which `mesh` was made
+        """
         mesh = coloured(mesh, given)
         material = getattr(given.visual, "material", None) if given.visual.kind == "texture" else None
         if material is None:

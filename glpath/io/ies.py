@@ -1,6 +1,6 @@
 """Photometric files in IES LM-63 format of 1986, 1991, 1995, 2002 and 2019.
 
-Only photometry of type C is read, which nearly all luminaires have.
+Only type C photometry is read; nearly all luminaires have it.
 
     IESNA:LM-63-2002
     [TEST] ...                 lines of text; in files before 1991 without brackets
@@ -44,12 +44,12 @@ _DECIMALS = "Commas separate numbers. If they are decimal commas here, write poi
 
 
 def parse_ies(data: bytes, path: Path | str, location: SourceLocation) -> LightProfile:
-    """Return the profile of a file's `data`.
+    """Return the profile in the content `data` of a file.
 
     path     : name of the file in errors
-    location : location in the scene that names the file
+    location : location in the scene file where the photometric file is named
 
-    Raises SceneError with the line. Warns of TILT factors other than 1, and of words after the last candela.
+    Raises SceneError, which gives the line. Warns of TILT factors other than 1 and of words after the last candela.
     """
     # DOS ends a text with ^Z, other systems pad it with NUL.
     text = data.decode("latin-1").partition("\x1a")[0].rstrip("\0 \r\n")
@@ -183,7 +183,7 @@ class _Reader:
         number = self._number(f"the number of {what} angles")
         if not (number.is_integer() and minimum <= number <= MAX_ANGLES):
             self._wrong(f"{number:g} {what} angles; expected {minimum} to {MAX_ANGLES}")
-        # Each angle is a word of the file, so enough words must follow.
+        # Each angle is one word, so at least `number` words must follow.
         if number > len(self._numbers) - self._next:
             self._wrong(f"{number:g} {what} angles, but only {len(self._numbers) - self._next} words follow")
         return int(number)
@@ -198,7 +198,7 @@ class _Reader:
 def _with_last_plane(c: Float64) -> Float64:
     """Return C angles with 360 added, if they start at 0 and only the plane at 360 is missing.
 
-    Only that plane is missing if the gap to 360 is as wide as the first or the last step.
+    This is assumed if the gap from the last angle to 360 is as wide as the first or the last step.
 
     Source: Cycles, util/ies.cpp.
     """

@@ -76,9 +76,9 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
 
     If the file has no camera, one that frames everything is added; if it has no light, a studio is added. The up
     axis is then y, or z in formats other than glTF if there is evidence for it. SceneWarnings report these
-    additions and the parts of a model that are not used. A TOML file with a camera gets no added light. An image
-    has 512 x 512 pixels; one of a model's own camera has the camera's aspect ratio and 512 pixels on the longer
-    side.
+    additions and the unused parts of a model. A TOML file with a camera gets no added light. By default an image
+    has 512 x 512 pixels. An image from a model's own camera has the camera's aspect ratio and 512 pixels on the
+    longer side.
 
     Raises SceneError, which names the file, the location in it, the value found and the values allowed. Warns with
     SceneWarning of triangles without area. `check_scene` checks if the scene shows anything.
@@ -96,7 +96,7 @@ def _in_surroundings(scene: AnyScene, surroundings: Surroundings, own: Mapping[s
 
 
 def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
-    """Return the scene in its own surroundings."""
+    """Return the scene with its own sky and background, before `Surroundings` replaces them."""
     if isinstance(scene, Scene):
         return _without_parameters(scene, scene.name, parameters)
     if is_made_in_python(scene):
@@ -143,7 +143,9 @@ def shipped_scenes() -> dict[str, str]:
 def scene_parameters(name: str, given: Mapping[str, object] | None = None) -> dict[str, tuple[object, str]]:
     """Return default and description of each parameter of a generated scene or of a file; empty for other scenes.
 
-    given : values of some parameters. A default of None means that the parameter must be given.
+    A default of None means that the parameter must be given.
+
+    given : values of some parameters
     """
     if name in GENERATED:
         return _parameters_of(GENERATED[name])
@@ -234,10 +236,9 @@ def furnace(
 ) -> Scene:
     """Closed room that glows everywhere alike (white furnace test).
 
-    Every wall emits `radiance` to the inside and reflects `reflectance`, so that the radiance anywhere, in any
-    direction, is the geometric series radiance * (1 + reflectance + reflectance² + ...); with a maximum depth of d
-    the terms up to reflectance^d. Any closed shape will do. The camera is inside and
-    off-centre.
+    Every wall emits `radiance` to the inside and reflects `reflectance`. The radiance at every point, in every
+    direction, is therefore radiance * (1 + reflectance + reflectance² + ...). A maximum depth of d truncates this
+    series after reflectance^d. It is the same for every closed shape. The camera is inside and off-centre.
     """
     emission = {"radiance": radiance}
     if shape == "sphere":
@@ -271,7 +272,7 @@ GENERATED: dict[str, Callable[..., Scene]] = {
 def _made(
     make: Callable[..., _Made], location: SourceLocation, parameters: Mapping[str, object], *given: Path
 ) -> _Made:
-    """Call `make` with `given` and with parameters, which may be text and are converted by `make`'s type hints."""
+    """Call `make` with `given` and with parameters. Text is converted to the types in the signature of `make`."""
     known = _parameters_of(make)
     hints = get_type_hints(make, include_extras=True)
     values = {}

@@ -141,7 +141,7 @@ def _intensity(
 
     Raises SceneError.
 
-    angle : solid angle that divides the flux, steradians
+    angle : solid angle, steradians; intensity is flux / angle
     """
     if not isinstance(given.flux, UnsetType):
         if not isinstance(given.intensity, UnsetType):
@@ -156,7 +156,7 @@ def _intensity(
 
 
 def _times_candela(given: description.PointLight, profile: LightProfile, location: SourceLocation) -> Float64:
-    """Return the (3,) factor of a profile's candela. Raises SceneError."""
+    """Return the (3,) factor by which the profile's candela are multiplied. Raises SceneError."""
     if isinstance(given.flux, UnsetType):
         return light(
             1.0 if isinstance(given.intensity, UnsetType) else given.intensity, location.field("intensity")
@@ -180,7 +180,7 @@ def _flux(given: description.PointLight | description.SpotLight, location: Sourc
 def _orientation(
     given: description.PointLight, camera_up: Float64, location: SourceLocation
 ) -> tuple[Float64, Float64]:
-    """Return the directions of gamma = 0, and of C = 0 at gamma = 90: (3,) each, unit and perpendicular."""
+    """Return two perpendicular (3,) unit vectors: towards gamma = 0, and towards C = 0 at gamma = 90."""
     down = -camera_up if isinstance(given.direction, UnsetType) else given.direction
     direction = unit(down, location.field("direction"), "direction = [0, -1, 0]")
     if isinstance(given.c0, UnsetType):
@@ -335,7 +335,7 @@ def _cie_sky(given: description.Sky, up: Float64, factor: float, location: Sourc
 
 
 def _check_names(given: description.Sky, names: tuple[str, ...], location: SourceLocation, remedy: str) -> None:
-    """Raise SceneError for the first of the fields `names` that is set, because such a sky does not have it."""
+    """Raise SceneError if one of the fields `names` is set, because this type of sky has none of them."""
     for name in names:
         if not isinstance(getattr(given, name), UnsetType):
             raise location.error(f"has `{name}`, which is not a field of such a sky.", remedy)

@@ -41,9 +41,9 @@ from glpath.system.suggestions import similar_names
 _WORDS = {"float": "a number", "int": "a whole number", "str": "a text in quotes", "bool": "true or false"}
 _WORDS |= {"array": "a list", "object": "a table"}
 _DEEPEST = 100
-# Maximum number of letters of a line that are shown with a syntax error.
+# Maximum number of letters of the faulty line that a syntax error shows.
 _SHOWN = 120
-# A key of a hundred parts, `a.a.a...`. tomllib takes time quadratic in the number of parts.
+# Dotted key of more than a hundred parts, `a.a.a...`, because tomllib takes time quadratic in the number of parts.
 _DEEP_KEY = re.compile(
     r"""^[ \t]*\[{0,2}[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""", re.MULTILINE
 )
@@ -54,13 +54,13 @@ _RELATIONS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below
 
 
 def read_scene_file(path: Path, later: float = 0.0, up: Up = "guess") -> Scene:
-    """Return the scene of a TOML file. Raises SceneError; warns with SceneWarning of triangles without area.
+    """Return the scene of a TOML file. Raises SceneError. A SceneWarning reports triangles without area.
 
     later : seconds that are added to the shutter times of the file
-    up    : up axis of a file without a camera, or "guess", which takes the up axis of the sky if the sky names one
+    up    : up axis for a file without a camera; "guess" uses `up` of the sky if set, else `evidence_for_z`
     """
     location = SourceLocation(str(path))
-    # Unlike Path.is_file, os.path.isfile returns False if the name is too long. bash makes a pipe for <(...).
+    # Unlike Path.is_file, os.path.isfile returns False if the name is too long. In bash, <(...) makes a pipe.
     if not (os.path.isfile(path) or (os.path.exists(path) and path.is_fifo())):
         raise location.error(
             "is a folder, not a scene file." if os.path.isdir(path) else "no such file.", _other_files(path)
@@ -181,10 +181,9 @@ def scene_of(
 def _without_meshes(
     data: Mapping[str, Any], location: SourceLocation
 ) -> tuple[Mapping[str, Any], dict[int, Mesh | Chunks]]:
-    """Return `data` without streams and without meshes that are arrays or objects, and both of these by shape.
+    """Return `data` without its streams and in-memory meshes, and these by index of their shape.
 
-    The second result has the index of the shape as its key. A million faces as lists would take a minute and a
-    gigabyte.
+    They are taken out because msgspec reads lists, and a million faces as lists would take a minute and a gigabyte.
     """
     if not isinstance(data.get("shapes"), list | tuple):
         return data, {}
@@ -280,7 +279,7 @@ def _explained(error: msgspec.ValidationError, kind: Any, data: Any, location: S
     declared: Any = inspect.type_info(kind)
     owner, description = declared, ""
     for name, index in keys:
-        if index == "...":  # msgspec does not say which value of a table it means
+        if index == "...":  # msgspec names the table, but not the entry that fails
             return _first_bad_entry(declared, data, location)
         if name:
             owner = _meant(declared, data)
@@ -351,7 +350,7 @@ def _instead_of(name: str, declared: Any, allowed: Sequence[str]) -> str:
 
 
 def _first_bad_entry(table: Any, data: Any, location: SourceLocation) -> SceneError:
-    """Return the error of the first value of a table, of materials or of textures, that fails to convert."""
+    """Return the SceneError for the first entry of a table, such as `materials`, that fails to convert."""
     each = _meant(table, data).value_type
     kind = str if isinstance(each, inspect.StrType) else functools.reduce(operator.or_, (m.cls for m in each.types))
     for name, value in data.items():

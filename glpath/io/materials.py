@@ -42,7 +42,7 @@ _COLOURS = (
     "diffuse_transmission_color_texture",
     "sheen_texture",
 )
-# Fields of [materials.NAME], with the different names that they have in `Material`.
+# Fields of [materials.NAME] whose name in `Material` differs, with that name.
 _RENAMED = {
     "specular": "specular_weight",
     "specular_color": "specular_colour",
@@ -167,9 +167,9 @@ def _slot(
 class _Use(NamedTuple):
     """Uses of a texture by materials.
 
-    alpha  : True if its alpha is used
-    colour : True if its values are colours
-    shines : True if it is used for emission and not as the main texture
+    alpha  : True if a material uses the alpha of the texture
+    colour : True if the texture's values are colours
+    shines : True if it is an `emission_texture`, and no material has it as `texture`
     """
 
     alpha: bool
@@ -186,7 +186,7 @@ def textures(
 ) -> tuple[Texture, ...]:
     """Return the textures of the table at `location`. Raises SceneError.
 
-    used_by : materials by name; they decide if the alpha of a texture is used, and if its values are colours
+    used_by : materials by name. Their slots decide whether alpha is used and whether the values are colours
     folder  : base folder of relative paths
     heights : names of the textures that displace surfaces
     """

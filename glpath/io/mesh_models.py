@@ -119,12 +119,12 @@ class _Reader:
         return replace(surface, material=material)
 
     def _plain(self, mesh: Mesh) -> tuple[Mesh, Surface]:
-        """Return a mesh without a material, and its surface: the texture of a PLY, the mesh's colours, or grey."""
+        """Return a mesh without an MTL material, and its surface: texture of a PLY, the mesh's colours, or grey."""
         textures = self.file.ply.textures if self.file.ply is not None else ()
         if len(textures) > 1:
             self.notes[f"Textures but the first of {len(textures)}."] = None
         if textures:
-            # Colours beside a texture repeat it in files of scanning programs, so they are dropped.
+            # Scanning programs write vertex colours that repeat the texture, so these colours are dropped.
             return replace(mesh, colours=None), self._with_coordinates(self._textured(textures[0]), mesh)
         if mesh.colours is None:
             return mesh, _GREY

@@ -63,10 +63,10 @@ def inline_mesh(
 
 
 def mesh_of_table(table: Mapping[str, Any], location: SourceLocation, known: dict[int, Mesh]) -> Mesh | None:
-    """Return the mesh of a shape's table if it is an object or arrays; None if plain values describe it.
+    """Return the mesh of a shape's table if its geometry is an object or arrays; None if it is lists or a file.
 
     location : location of the shape
-    known    : cache of trimesh meshes by id(), which grows
+    known    : cache of meshes by id() of the trimesh object, to which new meshes are added
     """
     if table.get("type", "mesh") != "mesh":
         return None
@@ -168,8 +168,8 @@ def read_mesh(path: Path, location: SourceLocation) -> Mesh:
 
     location : location in the scene that names the file
 
-    Raises SceneError for a file that is missing, of another format, broken, without triangles, or with faces that
-    name vertices it does not have. Warns of colours and materials in it.
+    Raises SceneError for a file that is missing, of another format, broken, or without triangles, and for faces
+    that name missing vertices. Warns of colours and materials in the file, which are not used.
     """
     file = read_mesh_file(path, location, colours=False)
     _warn_of_what_is_dropped(path, file)
@@ -178,12 +178,12 @@ def read_mesh(path: Path, location: SourceLocation) -> Mesh:
 
 
 def has_uv_gaps(mesh: Mesh) -> bool:
-    """Return True if some vertices of a mesh have no texture coordinates, which are then NaN, but others have."""
+    """Return True if only some vertices of a mesh have texture coordinates; those of the others are NaN."""
     return mesh.uv is not None and bool(np.isnan(mesh.uv).any())
 
 
 def without_uv_gaps(mesh: Mesh) -> Mesh:
-    """Return the mesh with (0, 1), the first texel of pictures, for vertices without texture coordinates."""
+    """Return the mesh with texture coordinates (0, 1), a texture's first texel, for vertices without any."""
     if mesh.uv is None or not has_uv_gaps(mesh):
         return mesh
     return replace(mesh, uv=np.where(np.isnan(mesh.uv), (0.0, 1.0), mesh.uv))
@@ -195,10 +195,10 @@ class MeshFile:
 
     meshes    : meshes with faces, and with colours if these are requested; texture coordinates may have gaps
     materials : index of each mesh's material in an OBJ, or -1
-    obj       : contents of an OBJ file
-    ply       : contents of a PLY file
+    obj       : contents of the file if it is an OBJ
+    ply       : contents of the file if it is a PLY
     coloured  : "vertex colours", "face colours", "colours", or "" if the file has none
-    single    : True if vertices are 32-bit numbers
+    single    : True if the file stores positions as 32-bit numbers
     """
 
     meshes: list[Mesh]
@@ -212,7 +212,7 @@ class MeshFile:
 def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> MeshFile:
     """Return the contents of a file. `location` and errors are those of `read_mesh`.
 
-    colours : True if colours are used, and if points and lines of files without faces are drawn
+    colours : True reads colours, and turns the points or lines of a file without faces into meshes
     """
     if path.suffix.lower() not in FORMATS:
         raise location.wrong(
@@ -250,12 +250,12 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
 
 
 def which(path: Path, location: SourceLocation) -> str:
-    """Return the beginning of a sentence about a file: its name, or empty if `location` is the file itself."""
+    """Return the beginning of an error text: "names PATH, which ", or "" if `location` is the file itself."""
     return "" if location == SourceLocation(str(path)) else f"names {path}, which "
 
 
 def _of_each(values: Any, mesh: Any, width: int) -> Float64 | None:
-    """Return values as (V, width); None unless all vertices of the mesh have them."""
+    """Return values as (V, width) float64; None if they are missing or of another shape."""
     if values is None or np.shape(values) != (len(mesh.vertices), width):
         return None
     return np.array(values, np.float64)
@@ -291,7 +291,7 @@ def _stl(content: bytes, path: Path, colours: bool) -> MeshFile:
 
 
 def _obj(plain: obj.ObjFile, path: Path, colours: bool) -> MeshFile:
-    """Return the contents of an OBJ, with the colours of vertices if they are used."""
+    """Return the contents of an OBJ; vertex colours are included if `colours` is True."""
     meshes, materials = [], [part.material for part in plain.parts]
     for part in plain.parts:
         normals = None if part.normals is None else unit_normals(part.normals)
@@ -307,7 +307,7 @@ def _obj(plain: obj.ObjFile, path: Path, colours: bool) -> MeshFile:
 def _strokes(path: Path, points: Float64, lines: NDArray[Any], colours: Float64 | None) -> list[Mesh]:
     """Return a mesh of rods for the lines of a file without faces, or else of balls for its points.
 
-    colours : (N, 4) colours of the points, which the mesh gets; None without
+    colours : (N, 4) colours of the points, which the mesh takes over; None if the file has none
     """
     is_finite = np.asarray(np.isfinite(points).all(axis=1))
     if not is_finite.any():
@@ -330,7 +330,7 @@ def _strokes(path: Path, points: Float64, lines: NDArray[Any], colours: Float64 
 
 
 def _ply(content: bytes, path: Path, colours: bool) -> MeshFile:
-    """Return the contents of a PLY. If colours are used, a file without faces becomes rods along edges or balls."""
+    """Return the contents of a PLY. With `colours`, a file without faces becomes rods along edges, or balls."""
     header = read_header(content)
     if not colours and not header.count("face", "tristrips"):
         return MeshFile([])

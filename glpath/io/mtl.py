@@ -4,7 +4,7 @@ Colours are linear, as Blender writes them. The statements are translated as fol
 
     Kd map_Kd             reflectance and its texture. Kd of 0 with a texture counts as 1, and so does Ke. If Kd is
                           from 0 to 255, it is divided by 255, and so are other colours of the file above 1
-    Ks Ns                 gloss, see `phong`; that of a mirror with illum 3, 5 and 8
+    Ks Ns                 gloss, see `phong`; with illum 3, 5 and 8 the surface is a mirror
     Pr Pm Pc Pcr aniso    roughness, metallic, clearcoat and its roughness, anisotropy. Pr, Pm and their maps
                           replace Ks and Ns; map_Pr and map_Pm multiply
     d, or Tr, map_d       opacity, blended; a surface of opacity 0 is taken for opaque, with a note
@@ -40,10 +40,11 @@ from glpath.system.numerals import real
 
 #: Maximum size of a material library in bytes.
 MAX_BYTES = 2**28
-# Maximum number of libraries of a model. For each that is missing, its folder and subfolders are listed.
+# Maximum number of MTL files of a model; more are ignored, with a note. Each missing file costs a search through
+# the model's folder and its subfolders.
 _MAX_LIBRARIES = 100
 _SHORT = {"bump": "map_bump", "map_normal": "norm", "map_kn": "norm", "map_tr": "map_d"}
-# Number of words after each option of a texture; -o, -s and -t have one to three numbers instead.
+# Number of arguments of each texture option; -o, -s and -t are missing, because they have one to three numbers.
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2, "-texres": 1}
 _OPTIONS |= {"-bm": 1, "-type": 1}
 _TRAILING_OPTIONS = re.compile(
@@ -51,7 +52,8 @@ _TRAILING_OPTIONS = re.compile(
     r"|(?:blend[uv]|cc|clamp)[ \t]{1,8}o(?:n|ff)|(?:imfchan|type)[ \t]{1,8}\w+)){1,16}$",
     re.IGNORECASE,
 )
-# Maximum Kd that counts as a fraction; some programs write fractions a little above 1.
+# Maximum Kd that counts as a fraction; some programs write fractions a little above 1. A larger Kd means that the
+# colours of the file are from 0 to 255.
 _MAX_FRACTION = 2.0
 _UNUSED_MAPS = ("map_ks", "map_ns", "map_ps", "map_pc", "map_pcr", "disp", "decal", "refl")
 _MIRRORS, _GLASS, _REFRACTS = (3, 5, 8), (4, 6, 7, 9), (6, 7)
@@ -74,7 +76,7 @@ class Library:
     """Materials that an OBJ file names, made on request.
 
     notes    : parts of the materials that are not used, as sentences
-    pictures : textures of the materials; its `files` has notes of its own
+    pictures : reader of the texture files; notes on unused files are in `pictures.files`
     """
 
     folder: Path
@@ -130,7 +132,7 @@ class Library:
         self._divide_bytes(materials.values())
 
     def surface(self, name: str) -> Surface | None:
-        """Return the surface of that name; None, with a note, if no file defines it."""
+        """Return the surface of the material `name`; None, with a note, if no MTL file defines it."""
         for names, each in ((self._written, name), (self._written, without_comment(name)), (self._commented, name)):
             if each in names:
                 return _Reader(self, name, names[each]).surface()
@@ -334,7 +336,7 @@ class _Reader:
         return _Map(image, name, matrix, clamped, channel, multiplier)
 
     def _tint(self, keyword: str, default: float, *, limited: bool = True) -> Float64:
-        """Return the colour of a keyword. If it is 0 beside a texture, return the default instead, with a note."""
+        """Return the colour of a keyword; the default, with a note, if a texture multiplies a colour of 0."""
         colour = self._colour(keyword, default, limited=limited)
         name = keyword.capitalize()
         if colour.any() or not default or f"map_{keyword}" not in self.written:
@@ -373,7 +375,7 @@ class _Reader:
 
 
 def _with_options_first(text: str) -> str:
-    """Return the values of a texture statement, with options moved before the name if they are after it."""
+    """Return the values of a texture statement, with options after the file name moved before it."""
     trailing = _TRAILING_OPTIONS.search(text)
     return text if trailing is None else f"{trailing[0].strip()} {text[: trailing.start()]}"
 

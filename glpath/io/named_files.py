@@ -15,17 +15,17 @@ from pathlib import Path
 
 from glpath.system.files import reason_of
 
-# Maximum number of subfolders that are searched.
+# Maximum number of subfolders that are searched for a missing file.
 _MAX_FOLDERS = 100
-# Maximum number of trailing parts of a path that are tried.
+# Maximum number of folders and file name, from the end of a missing file's path, that are looked for.
 _MAX_PARTS = 8
-# Encodings that are tried for names that are not UTF-8. Such names are read as Latin-1 first.
+# Encodings that are tried for a file name that is not UTF-8, and has therefore been decoded as Latin-1.
 _ENCODINGS = ("gb18030", "cp932", "big5", "cp949", "cp1250", "cp1251", "cp1252")
 # Maximum length of a path on common systems; longer names are not tried in other spellings.
 _MAX_NAME = 4096
 # Maximum number of files that a note lists.
 _LISTED = 10
-# Maximum length of each name in such a list.
+# Maximum length, in letters, of each name in a note.
 _LONGEST = 120
 
 
@@ -46,9 +46,10 @@ class NamedFiles:
     _paths: dict[tuple[Path, str], Path | UnusableError] = field(default_factory=dict)
 
     def find(self, folder: Path, name: str) -> Path:
-        """Return the file as `spelt_file` does, or a file of the same base name elsewhere, which `notes` reports.
+        """Return the file as `spelt_file` does, or else a file of the same base name elsewhere in the folder.
 
-        Of several files, the file that shares most folders with the name is taken. Raises UnusableError.
+        Of several such files, the file whose path agrees with `name` in most folders is taken. `notes` reports it.
+        Raises UnusableError.
         """
         key = (folder, name)
         if key not in self._paths:
@@ -71,7 +72,7 @@ class NamedFiles:
         return paths[0]
 
     def notes(self) -> list[str]:
-        """Return a sentence for each cause why files of the model are read from elsewhere or not used."""
+        """Return a sentence on files read from elsewhere, and one for each reason why files are not used."""
         texts = []
         if self.moved:
             listed = _listed([f"for {_quoted(name)} {used}" for name, used in self.moved.items()])
@@ -142,7 +143,7 @@ def _spellings(name: str) -> Iterator[str]:
 
 
 def without_comment(name: str) -> str:
-    """Return a name up to a # between blanks, which may begin a comment."""
+    """Return a name without the part from " # " on, which may be a comment."""
     return name.partition(" # ")[0].rstrip()
 
 

@@ -32,11 +32,12 @@ Int64 = NDArray[np.int64]
 
 _NAMES = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}
 _PLURALS = {"v": "vertices", "vt": "texture coordinates", "vn": "normals"}
-_FACES = ("f", "fo")  # the second is an older name
+_FACES = ("f", "fo")  # "fo" is an older name of "f"
 _UNUSED = {"curv": "curves", "curv2": "trimming curves", "surf": "surfaces"}
 _MRGB = re.compile(rb"^#MRGB[ \t]+((?:[0-9a-fA-F]{8})+)[ \t]*\r?$", re.MULTILINE)
 _DIGITS = b"0123456789"
-# Maximum ratio of the file's vertices to a part's corners at which arrays of file length are faster than sorting.
+# Maximum number of vertices in the file for each corner of a part. Up to it, a table with an entry for every vertex
+# of the file finds the part's vertices faster than sorting.
 _MAX_SPARSENESS = 4
 
 
@@ -94,7 +95,7 @@ class _Tables(NamedTuple):
 
 @dataclass
 class _Rows:
-    """Statements of one kind that hold numbers."""
+    """Statements of one kind, v, vt or vn, whose numbers are still text."""
 
     kind: str
     texts: list[str] = field(default_factory=list)
@@ -109,7 +110,7 @@ class _Rows:
         self.widths.add(len(values))
 
     def table(self, source: str) -> Float64:
-        """Return (N, W) numbers: the first W of each row, the length of the shortest row. Raises SceneError."""
+        """Return (N, W) numbers. W is the length of the shortest row; longer rows are cut. Raises SceneError."""
         width, needed = min(self.widths, default=3), 2 if self.kind == "vt" else 3
         if width < needed:
             row = next(row for row, text in enumerate(self.texts) if len(text.split()) == width)
@@ -130,7 +131,7 @@ def read_obj(content: bytes, source: str) -> ObjFile:
     rows = {kind: _Rows(kind) for kind in _NAMES}
     face_texts: list[str] = []
     sizes: list[int] = []
-    used: list[tuple[int, int]] = [(0, -1)]  # number of faces before a material, and the material
+    used: list[tuple[int, int]] = [(0, -1)]  # number of faces before a usemtl, and its material
     drawn: list[tuple[int, int, int]] = []  # two vertices of a segment, and its line in the file
     materials: dict[str, int] = {}
     libraries: dict[str, None] = {}
@@ -197,7 +198,7 @@ def read_obj(content: bytes, source: str) -> ObjFile:
 def _polypaint(content: bytes) -> Float64:
     """Return ZBrush's vertex colours as (N, 3) fractions.
 
-    Comments `#MRGB` hold them as MMRRGGBB, where MM is a mask.
+    Comments `#MRGB` hold each colour as eight hexadecimal digits MMRRGGBB, where MM is a mask.
     """
     digits = b"".join(_MRGB.findall(content)) if b"#MRGB" in content else b""
     return np.frombuffer(bytes.fromhex(digits.decode()), np.uint8).reshape(-1, 4)[:, 1:] / 255.0
@@ -284,7 +285,7 @@ def _corners(texts: list[str], sizes: list[int], source: str, content: bytes) ->
 
 
 def _check_corners(corners: Int64, sizes: list[int], tables: _Tables, source: str, content: bytes) -> None:
-    """Raise SceneError for an index that does not exist. Set the indices of a kind that the file lacks to -1."""
+    """Raise SceneError for an index that does not exist. Indices of omitted vt or vn statements become -1."""
     for column, (kind, table) in enumerate(zip(_NAMES, tables, strict=True)):
         if column and not len(table):  # some exporters write indices of normals that they omit
             corners[:, column] = -1
@@ -296,7 +297,7 @@ def _check_corners(corners: Int64, sizes: list[int], tables: _Tables, source: st
 
 
 def _location_of_corner(corner: int, sizes: list[int], source: str, content: bytes) -> SourceLocation:
-    """Return the line of the face that has a corner. Corners count from 0 through all faces."""
+    """Return the line of the face that has a corner. The corners of all faces are numbered in order, from 0."""
     face = int(np.searchsorted(np.cumsum(sizes), corner, "right"))
     faces = (number for number, words in statements(decoded(content)) if words[0] in _FACES)
     return SourceLocation(source, f"line {next(islice(faces, face, None))}")
@@ -333,7 +334,7 @@ def _parts(
 
 
 class _Attributes(NamedTuple):
-    """Rows that corners index. The last row, for index -1, is NaN in `uv` and zero in `normals`."""
+    """Arrays whose rows corners index. The last row, for index -1, is NaN in `uv` and zero in `normals`."""
 
     positions: Float64
     uv: Float64
@@ -345,7 +346,7 @@ def _part(material: int, triangles: Int64, rows: _Attributes) -> Part:
     """Return the part for triangles (T, 3 corners, 3 indices), with one vertex for each distinct corner."""
     corners = triangles.reshape(-1, 3)
     has_uv, has_normals = (bool((corners[:, column] >= 0).any()) for column in (1, 2))
-    # Arrays of file length are worthwhile only if the part has a large fraction of the file.
+    # A table of all vertices of the file is worthwhile only if the part uses a large fraction of them.
     key, is_vertex = corners[:, 0], _MAX_SPARSENESS * len(corners) >= len(rows.positions)
     for column, count in [(1, len(rows.uv) - 1)] * has_uv + [(2, len(rows.normals) - 1)] * has_normals:
         if not np.array_equal(corners[:, column], corners[:, 0]):

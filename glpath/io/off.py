@@ -24,8 +24,8 @@ Int64 = NDArray[np.int64]
 #: Line number and words of each line.
 Rows = list[tuple[int, list[str]]]
 
-# ST, C and N mean that texture coordinates, colours and normals follow the position of each vertex. n is not among
-# them, because vertices of nOFF and 4OFF have other dimensions than 3.
+# ST, C and N mean that texture coordinates, colours and normals follow the position of each vertex. The prefixes n
+# and 4 are refused, because the vertices of nOFF and 4OFF are not three-dimensional.
 _KEYWORD = re.compile(r"((?:ST|C|N|st|c)*)(?:OFF|off)([0-9]*)")
 _KEYWORDS = "OFF, COFF, NOFF or STOFF"
 
@@ -83,7 +83,7 @@ def _read_head(rows: Rows, source: str) -> tuple[str, int, int, Rows]:
 def _read_vertices(rows: Rows, prefix: str, source: str, left_out: dict[str, int]) -> tuple[Mesh, bool]:
     """Return vertices, texture coordinates and normals as a mesh without faces, and True if there are colours.
 
-    prefix : letters before OFF
+    prefix : letters before OFF in the first line
     """
     has_uv, has_normals = "ST" in prefix, "N" in prefix
     if has_normals and "C" in prefix:

@@ -51,7 +51,10 @@ KINDS = {
 
 
 def refuse_other_file(path: Path) -> None:
-    """Raise SceneError if a file exists and is of a kind that is no scene. For a lamp, report its light."""
+    """Raise SceneError if the file exists but has a suffix of files that are not scenes.
+
+    For a photometric file, the error also gives the maximum intensity and the flux.
+    """
     suffix = path.suffix.lower()
     if not os.path.isfile(path):
         return

@@ -25,7 +25,7 @@ MAX_TRIANGLES = 2**24
 
 @dataclass(frozen=True)
 class PatchSurface:
-    """Surface and its subdivision, in object space; gives pieces on demand, or a mesh of the whole."""
+    """Patches and their subdivision, in object space. `chunk` makes one piece, `mesh` the whole surface."""
 
     chunks: PatchChunks
     location: SourceLocation
@@ -63,7 +63,7 @@ def patch_surface(
 ) -> PatchSurface:
     """Return the surface of a shape's table. Raises SceneError.
 
-    camera : camera that determines the subdivision if it is given in pixels
+    camera : camera for which patches are subdivided if the table has `pixels`
     world  : (3, 4) world_from_shape
     """
     patches = _control(given, location)

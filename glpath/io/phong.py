@@ -1,8 +1,8 @@
 """Phong materials as microfacet surfaces.
 
 A Phong highlight of exponent n is as wide as a GGX highlight with alpha = sqrt(2 / (n + 2)) [Walter et al. 2007].
-The specular colour scales the reflection of a dielectric: 0.5 means that of index 1.5, as in Blender, so that
-plastic is no mirror. If nothing is reflected diffusely, the specular colour is the colour of a metal.
+The specular colour scales the reflection of a dielectric. As in Blender, 0.5 means an index of 1.5, so that plastic
+is no mirror. If nothing is reflected diffusely, the specular colour is the colour of a metal.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def layers(diffuse: Float64, textured: bool, specular: Float64, exponent: float)
 
 
 def mirroring(fields: dict[str, Any], specular: Float64) -> dict[str, Any]:
-    """Return `fields` for a mirror, whose specular colour is its reflectance, as in ray tracers."""
+    """Return `fields` for a mirror: as in ray tracers, `specular` is the reflectance at normal incidence."""
     return {**fields, "specular_colour": specular / F0} if "specular_colour" in fields else fields
 
 

@@ -24,7 +24,7 @@ MAX_BYTES = 16 << 20
 
 
 def read_profile(path: Path, location: SourceLocation) -> LightProfile:
-    """Return the profile of a file that a scene names at `location`. Raises and warns as its parser does."""
+    """Return the profile of a file that a scene names at `location`. Raises and warns as the parser does."""
     if path.suffix.lower() not in SUFFIXES:
         raise location.error(f"names {path}, but a photometric file is one that ends in {' or '.join(SUFFIXES)}.")
     if not os.path.isfile(path):

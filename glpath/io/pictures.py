@@ -18,7 +18,7 @@ from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.system.files import check_file, reason_of
 
 Image = NDArray[np.uint8] | NDArray[np.float32]
-# Formats that are read, by Pillow's names. Its other formats are seldom textures, and some run other programs.
+# Formats that are read, by Pillow's names. Others are seldom used for textures, and for some Pillow runs programs.
 _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF")
 # TIFF tag BitsPerSample.
 _BITS_TAG = 258
@@ -51,7 +51,7 @@ class Pictures:
     def read(self, name: str) -> Image:
         """Return the pixels of a picture, (h, w, 3) or with alpha (h, w, 4).
 
-        They are uint8; those of EXR and float TIFF are float32 and linear. Raises UnusableError.
+        Pixels are uint8, or linear float32 in EXR and float TIFF files. Raises UnusableError.
         """
         path = self.files.find(self.folder, name)
         if path not in self._known:
@@ -73,7 +73,7 @@ class Pictures:
             import PIL.Image
 
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # about many pixels, which `_check` counts, and odd tags
+                warnings.simplefilter("ignore")  # warnings of many pixels, which `_check` limits, and odd tags
                 with PIL.Image.open(path, formats=_FORMATS) as opened:
                     if opened.format in ("JPEG", "MPO"):
                         check_scans(path.read_bytes())
@@ -109,8 +109,8 @@ def pixels_of(opened: Any) -> Image:
 def stored_pixels(opened: Any) -> NDArray[Any]:
     """Return the pixels of a Pillow image as stored, (h, w, 3) or with alpha (h, w, 4).
 
-    They are uint8; those of grey images may be uint16 or float32. Raises ImageError if it is not known which number
-    is white, and for floats that are not finite.
+    Pixels are uint8; those of grey images may be uint16 or float32. Raises ImageError if the number that means
+    white is unknown, and for floats that are not finite.
     """
     if opened.mode != "F" and not opened.mode.startswith("I"):
         alpha = "A" in opened.getbands() or "transparency" in opened.info
@@ -126,7 +126,7 @@ def stored_pixels(opened: Any) -> NDArray[Any]:
 
 
 def _check_range(opened: Any, grey: NDArray[Any]) -> None:
-    """Raise ImageError unless pixels are from 0 for black to 65535 for white, or finite floats."""
+    """Raise ImageError unless grey pixels are integers from 0, black, to 65535, white, or finite floats."""
     convert = "Convert it to grey of 8 or 16 bits, of which 0 is black."
     if opened.mode == "F" and not np.isfinite(grey).all():
         raise ImageError("some of its pixels are NaN or infinite", convert)

@@ -15,16 +15,16 @@ Float64 = NDArray[np.float64]
 
 #: Radiance of a plain background as a fraction of that of a white ground in the scene's light.
 PLAIN = 0.8
-# Number of rows of directions over a hemisphere, for the integral of a sky's light.
+# Number of polar angles at which a sky's light is sampled, to integrate it over the upper hemisphere.
 _ROWS = 64
-# Number of columns of these directions.
+# Number of azimuths at which a sky's light is sampled.
 _COLUMNS = 128
 
 
 def with_plain_background(scene: Scene, ground: Float64 | None = None) -> Scene:
     """Return the scene with a grey background, as bright as a ground of reflectance `PLAIN` under its sky.
 
-    If the scene sets no exposure, it gets one that shows a white ground at about 1, in steps of a quarter stop.
+    If the scene sets no exposure, it gets one, in quarter stops, that shows a white ground at about 1.
 
     ground : (3,) point of the ground that receives the shadow, see `Background`
     """
@@ -41,7 +41,7 @@ def _radiance_of_white_ground(sky: Sky | Environment | None) -> float:
     """Return the luminance of a white, diffuse ground that only the sky lights."""
     if sky is None:
         return 0.0
-    # Cosine-weighted strata, which are uniform in sin² of the polar angle.
+    # Cosine-weighted directions: sin² of the polar angle is spaced evenly.
     sine2 = (np.arange(_ROWS) + 0.5)[:, None] / _ROWS
     phi = 2 * np.pi * (np.arange(_COLUMNS) + 0.5) / _COLUMNS
     up = sky.up / np.linalg.norm(sky.up)
@@ -53,6 +53,6 @@ def _radiance_of_white_ground(sky: Sky | Environment | None) -> float:
     if sun is None:
         return float(luminance(sky.radiance(directions)).mean())
     assert isinstance(sky, Environment), "it has a sun"
-    # Strata would hardly ever contain the sun, so its irradiance is added.
+    # The sampled directions nearly always miss the sun, so its irradiance is added separately.
     of_map = replace(sky, sun=None).radiance(directions).mean(axis=(0, 1))
     return float(luminance(of_map + sun.irradiance * max(float(sun.direction @ up), 0.0) / np.pi))

@@ -25,17 +25,17 @@ Bytes = NDArray[np.uint8]
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 _TYPES |= {"float": "f4", "double": "f8", "float16": "f2", "float32": "f4", "float64": "f8"}
 _TYPES |= {f"{sign}int{8 * size}": f"{sign or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)}
-# Codes of `struct` by numpy's kind and size.
+# Format codes of `struct`, by kind and bytes of a numpy type.
 _CODES = {("i", 1): "b", ("i", 2): "h", ("i", 4): "i", ("i", 8): "q", ("f", 2): "e", ("f", 4): "f", ("f", 8): "d"}
 _CODES |= {("u", size): code.upper() for (kind, size), code in _CODES.items() if kind == "i"}
-# ASCII numbers are parsed as native doubles.
+# Byte order of numbers in each format; ASCII numbers are parsed as native doubles.
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = re.compile(rb"(?:^|[\r\n])[ \t]*end_header[ \t]*(?=[\r\n]|$)")
 _LINE_END = re.compile(rb"\r\n|\n|\r")
 _TEXTURE = re.compile(r"TextureFile\s+(.*\S)")
 #: Maximum number of properties of an element.
 MAX_PROPERTIES = 4096
-# Maximum length of lists that are read as columns of a table.
+# Maximum length of lists in rows that are read together as a table. Rows with longer lists are read one by one.
 _MAX_UNIFORM = 1 << 12
 # Number of list values that are gathered at once; index arrays of more do not fit into a cache.
 _BLOCK = 1 << 18
@@ -93,7 +93,7 @@ class Header:
     elements : (name, count, properties) in the order of the file
     textures : names of pictures, from comments
     start    : offset of the data in bytes
-    lines    : number of lines
+    lines    : number of lines of the header
     """
 
     format: str
@@ -208,7 +208,7 @@ def _read_rows(name: str, count: int, properties: list[_Property], data: Bytes, 
 
 
 def _uniform_rows(count: int, properties: list[_Property], data: Bytes, at: int) -> tuple[Element, int] | None:
-    """Return an element whose rows have lists of the same lengths; None if they differ, or if the data end."""
+    """Return an element whose lists have equal lengths in all rows, and its end; None if they have not."""
     fields: list[Any] = []
     lengths: dict[int, int] = {}
     end = at
@@ -247,7 +247,7 @@ def _length_at(data: Bytes, at: int, kind: str) -> float:
 
 
 def _ragged_rows(name: str, count: int, properties: list[_Property], data: Bytes, at: int) -> tuple[Element, int]:
-    """Return an element with lists of different lengths, and its end. The rows are read one by one."""
+    """Return an element with lists of different lengths, and the byte at which it ends. Reads rows one by one."""
     lists = [each for each in properties if each.count_type]
     # For each list: bytes of the scalars before it, the function that unpacks its length, and the sizes of the
     # length and of a value.
@@ -304,7 +304,7 @@ def _ragged_rows(name: str, count: int, properties: list[_Property], data: Bytes
 
 
 def _gathered(data: Bytes, starts: Int64, counts: Int64, kind: str) -> NDArray[Any]:
-    """Return values of a type that are stored contiguously from each start on; data need not be aligned."""
+    """Return joined runs of values: run i has `counts[i]` values of type `kind`, from byte `starts[i]` on."""
     size = np.dtype(kind).itemsize
     offsets = np.repeat(starts - size * (np.cumsum(counts) - counts), counts) + size * np.arange(counts.sum())
     blocks = [

@@ -7,7 +7,7 @@ These names of properties are read, in any case:
     texture coordinates  u v, s t, texture_u texture_v, and similar
     colours              red green blue alpha, r g b a, diffuse_red ..., color_r ... and similar
     faces                lists vertex_indices or vertex_index, and texcoord for each corner
-    strips               tristrips, which -1 separates
+    strips               list tristrips, in which -1 separates strips
     edges                vertex1 vertex2
 """
 
@@ -46,7 +46,7 @@ _COLOURS = tuple(
     for prefix in ("", "diffuse_", "diffuse", "color_", "colour_", "vertex_", "face_", "vertex_color_")
     for red, green, blue, alpha in (("red", "green", "blue", "alpha"), ("r", "g", "b", "a"))
 ) + tuple(tuple(f"{prefix}{index}" for index in range(4)) for prefix in ("color_", "colour_", "rgb_"))
-# Names of properties that hold colours in some form.
+# Names of properties that probably hold colours. A note lists those that are not read.
 _COLOUR_LIKE = re.compile(r"red|green|blue|rgb|colou?r|^[rgb]$|f_dc_|intensity|gr[ae]y|luminance|reflectance")
 
 
@@ -54,7 +54,7 @@ _COLOUR_LIKE = re.compile(r"red|green|blue|rgb|colou?r|^[rgb]$|f_dc_|intensity|g
 class PlyMesh:
     """Triangles of a file; if it has no faces, its vertices are a cloud of points.
 
-    mesh       : mesh with the colours of vertices, or of faces, whose triangles then share no vertices
+    mesh       : mesh with vertex or face colours; triangles with face colours share no vertices
     textures   : names of the pictures
     coloured   : "vertex colours", "face colours" or ""
     single     : True if positions have 32 bits or fewer
@@ -62,7 +62,7 @@ class PlyMesh:
     faces      : element of the faces, as stored
     vertex_of  : (V,) row of `vertices` for each vertex of the mesh
     edges      : (L, 2) vertices of the mesh at the ends of edges, if the file has no faces
-    polygon_of : (F,) row of the faces for each triangle of the mesh; -1 for triangles of strips
+    polygon_of : (F,) row of `faces` for each triangle of the mesh; -1 for triangles of strips
     notes      : parts of the file that are not used, as sentences
     """
 
@@ -135,7 +135,7 @@ def read_ply_mesh(content: bytes, header: Header, source: str, *, looks: bool) -
         used = vertex_of = vertex_of[finite]
     vertex_colours = of_vertices
     if of_vertices is not None and face_colours is not None:
-        # MeshLab writes one colour for all vertices beside different colours of faces.
+        # MeshLab adds the same colour for all vertices to files with face colours. Such vertex colours are dropped.
         if len(used) and np.ptp(of_vertices[used], axis=0).any():
             notes.append("Colours of faces, beside those of vertices.")
             face_colours = None
@@ -252,8 +252,8 @@ def _check_vertices(lists: Ragged, name: str, count: int, source: str, *, min_ve
 def _triangles_of_strips(strips: Ragged) -> Int64:
     """Return (T, 3) vertices of the triangles of strips; every second triangle is flipped.
 
-    Each vertex of a strip except the first two completes a triangle. Triangles with a vertex twice only continue a
-    strip elsewhere, and are left out.
+    Each vertex of a strip except the first two completes a triangle. Triangles that name a vertex twice are left
+    out, because they only lead the strip to another position.
     """
     values = strips.values
     if len(values) < 3:
@@ -275,20 +275,20 @@ def _triangles_of_strips(strips: Ragged) -> Int64:
 def _attribute(
     element: Element, choices: tuple[tuple[str, ...], ...], name: str, left_out: dict[str, int]
 ) -> Float64 | None:
-    """Return an attribute of all vertices, with zeros for those that are not finite; None if the file has none."""
+    """Return an attribute of all vertices, in which rows that are not finite are 0; None if the file has none."""
     names = element.first_of(*choices)
     return finite_rows(element.stacked(names), name, left_out) if names else None
 
 
 def _kind(stored: NDArray[Any], declared: str) -> str:
-    """Return the type of colours: float if an ASCII file has fractions although it declares whole numbers."""
+    """Return the `declared` type of colours; float64 if an ASCII file declares integers but has fractions."""
     finite = stored[np.isfinite(stored)]
     return declared if declared[0] == "f" or (finite == np.floor(finite)).all() else "f8"
 
 
 @dataclass(frozen=True)
 class _Colours:
-    """Reader of element colours. It collects notes, and counts of colours that are not finite."""
+    """Reader of element colours, which collects notes and the counts of colours that are not finite."""
 
     source: str
     looks: bool

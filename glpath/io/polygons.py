@@ -1,15 +1,15 @@
 """Triangulation of polygons: faces of mesh files, and planar polygons with holes.
 
 Faces of a mesh keep their corners: triangles stay, quads are split along a diagonal, and a polygon becomes a fan
-around its first corner if the fan covers it once. Other polygons are cut by ears [mapbox_earcut].
+around its first corner if the fan covers it once. Other polygons are split by ear clipping [mapbox_earcut].
 
-A polygon with holes is cut across, at the height of each corner, into bands, and each band between its edges into
-trapezoids. Holes may therefore touch the boundary and each other. Cutting by ears does not allow this, because it
-joins rings by bridges. The number of trapezoids may be quadratic, so ragged outlines of thousands of corners are
-cut by ears instead.
+A polygon with holes is cut into horizontal bands at the height of each corner, and each band into trapezoids
+between edges. Holes may therefore touch the boundary and each other. Ear clipping does not allow this, because it
+joins rings by bridges. The number of trapezoids may be quadratic in the number of corners, so ear clipping is used
+for ragged outlines of thousands of corners.
 
-Poor at: edges shared with other polygons, which lack the corners that the cuts add; corners that are nearly level,
-which give thin triangles.
+Poor at: edges shared with other polygons, because the cuts add corners that the other polygons lack; corners of
+nearly the same height, which give thin triangles.
 """
 
 from __future__ import annotations
@@ -30,17 +30,18 @@ from glpath.scene.source_location import SourceLocation
 
 Int64 = NDArray[np.int64]
 
-# Maximum height difference of corners that count as level, as a fraction of the extent.
+# Maximum height difference of corners that share one cut, as a fraction of the extent.
 _LEVEL = 1e-9
 # Area below which a triangle counts as having none, as a fraction of the polygon's area.
 _NO_AREA = 1e-9
-# Maximum area that ear clipping may miss, as a fraction of the polygon's area.
+# Maximum area that ear clipping may miss, as a fraction of the polygon's area. Above it the outline counts as
+# crossing itself.
 _LEFT_OUT = 1e-3
-# Maximum number of corners of a polygon whose edges are all compared with each other.
+# Maximum number of corners of a polygon whose edges are tested for crossing each other.
 _MAX_COMPARED = 1 << 8
-# Maximum number of bands that all edges of a polygon and its holes cross in total; beyond it ears are cut.
+# Maximum number of crossings of edges with bands in a polygon with holes; above it ear clipping is used.
 _MAX_CROSSED = 40_000
-# Maximum number of corners of a polygon that is cut by ears, which takes up to quadratic time: half a second.
+# Maximum number of corners for ear clipping. Its time is quadratic at worst, and half a second for this many.
 _MAX_EAR_CORNERS = 1 << 14
 
 
@@ -48,7 +49,7 @@ _MAX_EAR_CORNERS = 1 << 14
 class Split:
     """Triangles of polygons, in the order of the polygons.
 
-    triangles : (T, 3) indices into the corners of all polygons, one after the other
+    triangles : (T, 3) indices into the concatenated corners of all polygons
     polygons  : (T,) index of the polygon of each triangle
     crossing  : number of polygons whose outline crosses itself, so that triangles overlap or leave gaps
     """
@@ -59,7 +60,7 @@ class Split:
 
 
 def split_faces(positions: Float64, faces: Sequence[Sequence[int]]) -> tuple[Int32, int]:
-    """Return the triangles (T, 3) of faces, as indices of positions (V, 3), and the number of crossing faces."""
+    """Return triangles (T, 3) of faces, as indices of positions (V, 3), and the number of self-crossing faces."""
     corners = np.fromiter(chain.from_iterable(faces), np.int32)
     split = split_polygons(positions, corners, np.array([len(face) for face in faces]))
     return corners[split.triangles], split.crossing
@@ -75,7 +76,7 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
 
     A quad is split from its first corner to its third, unless only the other diagonal lies within it.
 
-    Raises ValueError for a polygon that has too many corners and is no clear fan.
+    Raises ValueError for a polygon that is no fan and has too many corners for ear clipping.
     """
     sizes = np.asarray(sizes, np.int64)
     if (sizes == 3).all():
@@ -168,15 +169,15 @@ def warn_of_crossing(source: str, count: int) -> None:
 
 
 def _split_quads(a: Float64, b: Float64, c: Float64, d: Float64) -> tuple[Int64, int]:
-    """Return (N, 2, 3) corner numbers of the triangles of quads, and the number of quads that cross themselves.
+    """Return (N, 2, 3) corners, 0 to 3, of the triangles of quads, and the number of self-crossing quads.
 
     a, b, c, d : (N, 3) corners of the quads, in order
     """
     ac, bd, ab, ad = c - a, d - b, b - a, d - a
     normal = _cross(ac, bd)
     size = _dot(normal, normal)
-    # Vectors of twice the triangle areas; their product with the normal is positive if a diagonal is inside the
-    # quad.
+    # Normals of the two triangles beside a diagonal, as long as twice the areas. A diagonal is inside the quad if
+    # their dot products with the quad's normal are positive.
     halves = np.stack([_cross(ab, ac), _cross(ac, ad)], axis=1)
     beside_ac = _dot(normal[:, None], halves).min(axis=1)
     beside_bd = np.minimum(_dot(normal, _cross(ab, ad)), _dot(normal, _cross(c - b, bd)))
@@ -214,14 +215,14 @@ def _are_fans(rings: Float64) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     size = _dot(normal, normal)
     ahead = (_dot(doubled, normal[:, None]) > _NO_AREA * size[:, None]).all(axis=1)
     cosines = _dot(spokes[:, :-1], spokes[:, 1:])
-    angles = np.arctan2(np.linalg.norm(doubled, axis=2), cosines).sum(axis=1)  # a simple fan has less than one turn
+    angles = np.arctan2(np.linalg.norm(doubled, axis=2), cosines).sum(axis=1)  # below a full turn if simple
     crossed = _areas_cancel(doubled, spokes)
     has_no_area = _are_lines(doubled, spokes) | ~(size > 0) | ~np.isfinite(size)
     return np.asarray(ahead & (angles < 2 * np.pi) | crossed | has_no_area), crossed
 
 
 def _ears_of_rings(rings: Float64) -> tuple[Int64, Int64, NDArray[np.bool_]]:
-    """Return triangles of rings (N, k, 3): corners (T, 3), ring (T,), and (N,) True if a ring crosses itself."""
+    """Clip ears of rings (N, k, 3). Return corners (T, 3), ring (T,), and (N,) True if a ring crosses itself."""
     spokes = rings[:, 1:] - rings[:, :1]
     normals = _cross(spokes[:, :-1], spokes[:, 1:]).sum(axis=1)
     # Project along the coordinate axis nearest to the normal, with the front towards the viewer.
@@ -263,7 +264,7 @@ def _edges_cross_of(outlines: Float64) -> NDArray[np.bool_]:
 
 
 def _ears_of_each(outlines: Float64, sizes: Sequence[int]) -> list[Int64]:
-    """Return the (F, 3) corner numbers of the triangles of each outline.
+    """Return the (F, 3) corner numbers of the triangles of each outline, by ear clipping.
 
     outlines : (N, k, 2) points: a counter-clockwise ring, then its holes
     sizes    : number of corners of the ring, and of each hole
@@ -330,7 +331,7 @@ def _frame(ring: Float64) -> Float64:
     """Return (2, 3) unit vectors in the plane of a ring, counter-clockwise about its normal."""
     normal = polygon_normal(ring)
     n = normal / np.linalg.norm(normal)
-    # With z up, cuts across a wall are horizontal.
+    # If z is up, `across` is horizontal, so that walls are cut into horizontal bands.
     across = np.cross([0.0, 0.0, 1.0], n) if abs(n[2]) < 0.99 else np.cross([0.0, 1.0, 0.0], n)
     across /= np.linalg.norm(across)
     return np.array([across, np.cross(n, across)])
@@ -351,7 +352,7 @@ def _doubled_areas(corners: Float64) -> Float64:
 def _trapezoids(rings: Sequence[Float64]) -> Float64 | None:
     """Return (K, 4, 2) corners of trapezoids, counter-clockwise; None if there are too many.
 
-    Two corners of a triangle are equal.
+    A triangle is a trapezoid with two equal corners.
     """
     starts = np.concatenate(rings)
     ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])

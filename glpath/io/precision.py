@@ -7,17 +7,17 @@ import numpy as np
 from glpath.errors import warn
 from glpath.scene.geometry import Float64
 
-#: Maximum spacing of neighbouring numbers without a warning, in diagonals of the file's geometry.
+#: Maximum spacing of 32-bit numbers, as a fraction of the geometry's diagonal. Above it a warning is printed.
 COARSE = 1e-4
 
 
 def step_at(low: Float64, high: Float64) -> float:
-    """Return the spacing of 32-bit numbers at the largest coordinate of two corners (3,) of a box."""
+    """Return the spacing of 32-bit numbers at the largest absolute coordinate of a box with corners (3,)."""
     return float(np.spacing(np.float32(max(np.abs(low).max(), np.abs(high).max()))))
 
 
 def warn_of_steps(source: object, step: float, low: Float64, high: Float64) -> None:
-    """Warn if a step is coarse compared with the box between two corners (3,); `source` names the file."""
+    """Warn if the spacing `step` is coarse compared with the box of corners (3,); `source` names the file."""
     if not step > COARSE * float(np.linalg.norm(high - low)):
         return
     farthest = max((*low, *high), key=abs)

@@ -26,11 +26,13 @@ Int64 = NDArray[np.int64]
 
 _HEADER = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-# Maximum coordinate of facets beyond the announced count, in units of the largest coordinate of counted facets.
+# Maximum coordinate of facets beyond the announced count, as a multiple of the largest coordinate of counted
+# facets. If a coordinate is above it, the bytes beyond the count are taken for other data.
 _MAX_GROWTH = 100.0
-# Length of the beginning in which an ASCII file has the word facet and no zero byte.
+# Number of first bytes that show if a file is ASCII: they then have no zero, and the word facet or solid.
 _BEGINNING = 1024
-# Names of solids may contain words of the format, but in files of one line a facet may follow the name.
+# solid or endsolid with the name behind it, up to the end of the line or to a facet in the same line. The name may
+# contain words of the format.
 _SOLID = re.compile(r"\b(?:end)?solid\b[^\n]*?(?=\bfacet\s+(?:normal\s+(?:[-+.\d]|nan|inf)|outer\s+loop)|\n|$)")
 
 
@@ -73,11 +75,11 @@ def read_stl(content: bytes, source: str) -> list[Facets]:
 
 
 def _whole_rows(content: bytes, count: int, source: str) -> NDArray[Any]:
-    """Return the complete facets of a binary file whose header announces another number. Warns of that."""
+    """Return the complete facets of a binary file whose header announces a wrong number of facets, and warn."""
     whole, rest = divmod(len(content) - _HEADER, _FACET.itemsize)
     rows = np.frombuffer(content, _FACET, whole, _HEADER)
     read = whole if count == 0 else min(count, whole)
-    if read < whole and not rest:  # uncounted facets, or other data
+    if read < whole and not rest:  # bytes behind are either uncounted facets or other data
         bounds = np.abs(rows["corners"][:read]).max(initial=0.0)
         if np.all(np.abs(rows["corners"][read:]) <= _MAX_GROWTH * bounds):
             read = whole
@@ -88,7 +90,7 @@ def _whole_rows(content: bytes, count: int, source: str) -> NDArray[Any]:
 
 
 def _rows_with_payload(content: bytes, count: int, source: str) -> NDArray[Any] | None:
-    """Return the facets of a binary file whose facets announce extra bytes after them; None for other files."""
+    """Return the facets of a binary file in which `attribute` counts bytes after a facet; None for other files."""
     if not 0 < count <= (len(content) - _HEADER) // _FACET.itemsize:
         return None
     starts, at, last = [], _HEADER, len(content) - _FACET.itemsize

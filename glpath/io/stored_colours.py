@@ -11,11 +11,11 @@ from glpath.film.image import decode_srgb
 from glpath.io.values import as_float64
 from glpath.scene.geometry import Float64
 
-# Maximum float that counts as a fraction; rounding or a bright light may raise fractions above 1.
+# If no float is above this, floats count as fractions; rounding or a bright light may raise fractions above 1.
 _MAX_FRACTION = 2.0
 _MAX_WORD = 31  # 5 bits
 _HIGHEST_BIT = 1 << 15
-# Names of programs in headers; a facet of these programs has a colour if its highest bit is set.
+# Names, in STL headers, of programs that set the highest bit of a facet's word if the facet has a colour.
 _PROGRAMS = (b"viscam", b"solidview")
 # Reflectance of facets without a colour, equal to that of meshes without colours.
 _GREY = 0.5
@@ -24,8 +24,9 @@ _GREY = 0.5
 def fractions(stored: NDArray[Any], kind: str) -> tuple[Float64, str]:
     """Return colours in [0, 1], and a note if their scale had to be guessed; the note is empty otherwise.
 
-    The maximum of all values determines the number that means white: 1, 255, 65,535 or the largest number of the
-    type. For bytes it is always 255. Values that are not finite become white, which does not change the material.
+    The largest value in `stored` determines the number that means white: 1, 255, 65,535 or the largest number of
+    the type. For bytes it is always 255. Values that are not finite become white, which does not change the
+    material.
 
     stored : numbers of all colours of the file, without alpha
     kind   : numpy code of the type that the file declares, such as "u2"
@@ -59,7 +60,7 @@ def _white(highest: float, kind: str) -> tuple[float, bool]:
 
 
 def linear(rgb: Float64) -> Float64:
-    """Return (n, 4) linear Rec. 709, with an alpha of 1, of sRGB fractions (n, 3)."""
+    """Convert sRGB fractions (n, 3) to (n, 4) linear Rec. 709 with an alpha of 1."""
     return np.column_stack([decode_srgb(rgb), np.ones(len(rgb))])
 
 
@@ -69,7 +70,8 @@ def colours_of_facets(words: NDArray[np.uint16], header: bytes) -> Float64 | Non
     Magics writes COLOR= and the RGBA of the object into the header. It writes red into the lowest five bits of a
     word, and sets the highest bit if the facet has the object's colour. VisCAM and SolidView write blue into the
     lowest five bits, and set the highest bit if the facet has its own colour. Other programs store other numbers.
-    If the header does not name VisCAM or SolidView, words without the highest bit must therefore be 0.
+    Words therefore count as colours only if the header names VisCAM or SolidView, or if words without the highest
+    bit are 0.
 
     words  : (F,) 16 bits at the end of each facet
     header : first 80 bytes of the file

@@ -1,7 +1,7 @@
 """Points and lines as meshes that can be lit: small balls, and rods with balls at their ends.
 
-They are made only for files without triangles, such as point clouds and line drawings. Beside triangles, points and
-lines are marks of a program, and are left out.
+They are made only for files without triangles, such as point clouds and line drawings. In files with triangles,
+points and lines are marks of a program, and are left out.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ _LINE = 0.004
 _MIN_POINT = 0.0005
 # Maximum radius of points, as a fraction of that diagonal.
 _MAX_POINT = 0.02
-# Number of points above which balls have only 20 triangles.
+# Number of points above which each ball has only 20 triangles.
 _MANY = 2_000
 _SIDES = 8
 
 
 def point_radius(points: Float64) -> float:
-    """Return half the median distance from each point (N, 3) to its nearest neighbour, within bounds."""
+    """Return half the median nearest-neighbour distance of points (N, 3), clamped to the limits above."""
     from scipy.spatial import cKDTree  # slow to import
 
     diagonal = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
