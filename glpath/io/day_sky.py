@@ -33,7 +33,7 @@ class _Sun(NamedTuple):
     direction        : (3,) unit vector towards the sun
     altitude         : degrees above the horizon
     extraterrestrial : irradiance of a surface that faces the sun above the atmosphere, W m^-2
-    irradiance       : direct normal and diffuse horizontal irradiance, W m^-2; None if the sky has its own
+    irradiance       : direct normal and diffuse horizontal irradiance, W m^-2; None if fields of the sky give them
     water            : precipitable water, cm
     """
 

@@ -17,7 +17,7 @@ from glpath.system.files import reason_of
 
 # Maximum number of subfolders that are searched for a missing file.
 _MAX_FOLDERS = 100
-# Maximum number of folders and file name, from the end of a missing file's path, that are looked for.
+# Maximum number of parts in the ends of a path, such as textures/wood.png, that are tried for a missing file.
 _MAX_PARTS = 8
 # Encodings that are tried for a file name that is not UTF-8, and has therefore been decoded as Latin-1.
 _ENCODINGS = ("gb18030", "cp932", "big5", "cp949", "cp1250", "cp1251", "cp1252")

@@ -208,7 +208,7 @@ def _read_rows(name: str, count: int, properties: list[_Property], data: Bytes, 
 
 
 def _uniform_rows(count: int, properties: list[_Property], data: Bytes, at: int) -> tuple[Element, int] | None:
-    """Return an element whose lists have equal lengths in all rows, and its end; None if they have not."""
+    """Return an element whose lists have equal lengths in all rows, and its end; None otherwise."""
     fields: list[Any] = []
     lengths: dict[int, int] = {}
     end = at

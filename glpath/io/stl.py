@@ -29,7 +29,7 @@ _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute
 # Maximum coordinate of facets beyond the announced count, as a multiple of the largest coordinate of counted
 # facets. If a coordinate is above it, the bytes beyond the count are taken for other data.
 _MAX_GROWTH = 100.0
-# Number of first bytes that show if a file is ASCII: they then have no zero, and the word facet or solid.
+# Number of first bytes that show if a file is ASCII: without a zero byte, but with facet, or solid at the start.
 _BEGINNING = 1024
 # solid or endsolid with the name behind it, up to the end of the line or to a facet in the same line. The name may
 # contain words of the format.

@@ -1,7 +1,7 @@
 """Sun positions and irradiance of clear days from pvlib, which is optional: `pip install "glpath[sky]"`.
 
 Times are UTC. Altitudes are degrees above the horizon, with the refraction of standard air. Azimuths are degrees
-from north by east.
+from north towards east, so that east is 90.
 
 Source:   Reda & Andreas 2004, Solar position algorithm for solar radiation applications, Solar Energy 76 (5), good
           to 0.0003 degrees from the year -2000 to 6000; Ineichen & Perez 2002 for the clear day.
@@ -22,13 +22,13 @@ from glpath.scene.model import Float64
 
 Times = NDArray[np.datetime64]
 
-# Degrees from the horizon in the middle of an hour beyond which the sun does not rise or set in that hour. It moves
-# 15 degrees an hour.
+# The sun may rise or set in an hour only if, in the middle of the hour, it is nearer to the horizon than this,
+# degrees. It moves 7.5 degrees in half an hour.
 _LOW = 12.0
 
 
 class SunPosition(NamedTuple):
-    """Altitude above the horizon, and azimuth from north by east: (N,) float64 each, degrees."""
+    """Altitude above the horizon, and azimuth from north towards east: (N,) float64 each, degrees."""
 
     altitude: Float64
     azimuth: Float64
@@ -104,7 +104,7 @@ def _index(times: Times) -> Any:
 def clear_day(times: Times, latitude: float, longitude: float) -> tuple[Float64, Float64]:
     """Return the irradiance of a cloudless sky, (N,) each, W m^-2: direct normal, and diffuse horizontal.
 
-    The haze is the climate's mean of the month, from tables of pvlib.
+    Haze is the monthly mean of the site, from tables of pvlib.
 
     times : (N,), UTC
     """

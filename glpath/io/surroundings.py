@@ -28,7 +28,7 @@ from glpath.scene.source_location import SourceLocation
 class Surroundings:
     """Parameters that every scene has.
 
-    Raises UsageError if a parameter has no meaning without another that is missing.
+    Raises UsageError for a rotation or an exposure without an environment.
     """
 
     environment: Annotated[
@@ -65,7 +65,7 @@ class Surroundings:
     def taken_from(
         cls, parameters: Mapping[str, object] | None, location: SourceLocation
     ) -> tuple[Surroundings, dict[str, Any]]:
-        """Return the surroundings among parameters, which may be text, and the other parameters.
+        """Split parameters, whose values may be text, into surroundings and the other parameters.
 
         Raises SceneError.
         """

@@ -27,10 +27,10 @@ _INFINITE = re.compile(r"\b1\.#(?:INF|J)\d*", re.IGNORECASE)
 _OF_NAMES = re.compile(
     r"\s*(map_\w+|bump|norm|disp|decal|refl|usemtl|newmtl|mtllib|usemap|maplib|[og])[ \t]", re.IGNORECASE
 )
-# Blanks that separate words. Others, such as U+0085, may be halves of letters in files of unknown encoding.
+# Blanks that separate words. Other blanks, such as U+0085, may be bytes of letters if the encoding is unknown.
 _BLANKS = " \t"
 _CONTINUED = tuple(f"{blank}\\" for blank in _BLANKS)
-# First letters of most lines, which never hold names.
+# First letters of the statements v, vt, vn and f, which make up most lines and never hold names.
 _OF_NUMBERS = frozenset("vf")
 
 
@@ -53,7 +53,7 @@ def _words(line: str) -> list[str]:
 def decoded(content: bytes) -> str:
     """Return the decoded text, without the Ctrl-Z that old programs write at the end.
 
-    Geometry is ASCII in any encoding, so only names depend on it.
+    Geometry is ASCII in any encoding, so only names depend on the encoding.
     """
     text = _decoded(content)
     return text.rstrip("\x1a\r\n") if "\x1a" in text[-8:] else text
@@ -83,12 +83,12 @@ def with_plain_nan(text: str) -> str:
 
 
 def parse_numbers(text: str) -> NDArray[np.float64]:
-    """Return the numbers of a text that blanks separate. Raises ValueError that names the first other word."""
+    """Return the blank-separated numbers of a text. Raises ValueError with the first word that is no number."""
     if not text:
         return np.zeros(0)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # older releases of numpy warn
+            warnings.simplefilter("error", DeprecationWarning)  # older numpy only warns of words
             return np.fromstring(text, sep=" ")
     except (ValueError, DeprecationWarning):
         return np.array([_number(word) for word in text.split()])
@@ -124,7 +124,7 @@ def _number(word: str) -> float:
 def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Yield the number of the line on which each statement begins, from 1, and its text without comments."""
     begun, before = 0, ""
-    # str.splitlines also splits at characters such as U+0085, which may be halves of letters.
+    # str.splitlines also splits at characters such as U+0085, which may be bytes of letters.
     for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
         begun, line = begun or number, line.rstrip(_BLANKS)
         if "#" in line or "(" in line or line.endswith("\\"):

@@ -29,7 +29,7 @@ def world_from_shape(steps: Sequence[Step], location: SourceLocation) -> Float64
 def mirrors(matrix: Float64) -> bool:
     """Return True if a matrix reverses the order of a triangle's corners, so that its front becomes its back.
 
-    LAPACK is not used, because it divides by pivots, which a rotation may make very small.
+    The determinant is not that of LAPACK, which divides by pivots that a rotation may make very small.
     """
     x, y, z = matrix[:3, :3]
     return bool(np.cross(x, y) @ z < 0)

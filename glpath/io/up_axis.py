@@ -4,7 +4,7 @@ The guess is z if there is evidence for it; otherwise y stays up. Evidence is a 
 surface that faces upwards nearly everywhere, a flat base, or a small extent. If y has the same evidence, it does
 not count for z.
 
-Poor at: rooms, whose walls are like their floor, and boxes. Cost: one pass over the triangles.
+Poor at: boxes, and rooms, because their walls look like a ground as well. Cost: one pass over the triangles.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ Up = Annotated[
 #: Suffixes of formats for prints and scans, whose objects more often lie flat than stand.
 LYING = (".stl", ".ply")
 
-# Maximum distance of faces from the end of an extent that count as being at that end, as a fraction of the extent.
+# Faces within this distance of an end of the bounding box count as lying at that end. Fraction of the box's extent.
 _END = 0.01
-# Minimum cosine between an axis and the normal of a face that counts as perpendicular to the axis.
+# A face counts as perpendicular to an axis if the cosine between its normal and the axis is at least this.
 _ACROSS = 0.98
-# Minimum fraction of the footprint that a ground covers.
+# Minimum fraction of the footprint that a ground covers. The footprint is the bounding box seen along the axis.
 _GROUND = 0.5
 # Minimum fraction of the footprint that a base covers.
 _BASE = 0.3
@@ -42,7 +42,8 @@ _OTHER = 0.05
 # Minimum fraction of the footprint that a ground with its front downwards covers. It is larger than `_GROUND`,
 # because the base of a body faces downwards as well.
 _WHOLE = 0.95
-# Minimum fraction of the seen surface that faces upwards on a surface that faces upwards nearly everywhere.
+# Minimum fraction of the surface, projected along an axis, whose fronts face upwards. Above it, the surface counts
+# as facing upwards nearly everywhere.
 _UPWARDS = 0.9
 # Ratio of height to width below which an object is flat.
 _FLAT = 0.25
@@ -57,13 +58,13 @@ def axis_vector(axis: Axis) -> Float64:
 
 @dataclass(frozen=True)
 class _Faces:
-    """Areas of faces seen along an axis, as fractions of the footprint along that axis.
+    """Areas of faces projected along an axis, as fractions of the footprint along that axis.
 
     ground   : area at the lower end, with fronts upwards
     base     : area at the lower end, with fronts downwards
     top      : area at the upper end
-    upwards  : fraction of the seen surface whose fronts face upwards
-    covered  : area of the whole surface
+    upwards  : fraction of the projected area whose fronts face upwards
+    covered  : projected area of the whole surface
     """
 
     ground: float
@@ -83,7 +84,7 @@ def evidence_for_z(scene: Scene, lying: bool) -> str | None:
     if not high > _PLANE * max(wide, deep) or not min(wide, deep) > 0:
         return None
     of_y, of_z = _faces(scene, lower, upper)
-    sheet = of_z.base >= _WHOLE and of_y.base < _OTHER and of_z.top < _GROUND  # its front is below
+    sheet = of_z.base >= _WHOLE and of_y.base < _OTHER and of_z.top < _GROUND  # with its front downwards
     is_low = high <= min(wide, deep)
     if is_low and of_y.ground < _OTHER and (of_z.ground >= _GROUND or sheet):
         return f"a ground at z = {lower[2]:.4g} lies below all else"
@@ -98,7 +99,7 @@ def evidence_for_z(scene: Scene, lying: bool) -> str | None:
 
 
 def _faces(scene: Scene, lower: Float64, upper: Float64) -> tuple[_Faces, _Faces]:
-    """Return the areas of faces along y and along z."""
+    """Return the areas of faces projected along y, and along z."""
     axes = (1, 2)
     near = _END * (upper - lower)
     sums = np.zeros((2, 5))
@@ -115,10 +116,10 @@ def _faces(scene: Scene, lower: Float64, upper: Float64) -> tuple[_Faces, _Faces
 
 
 def _areas(seen: Float64, across: Float64, heights: Float64, low: float, high: float) -> tuple[float, ...]:
-    """Return the areas of ground, base and top, and of all fronts upwards and all fronts downwards.
+    """Return the projected areas of ground, base and top, of all upward fronts, and of all downward fronts.
 
-    seen    : (n,) areas of faces seen along an axis, negative if the front faces downwards
-    across  : (n,) minimum seen area of a face that counts as perpendicular to the axis
+    seen    : (n,) areas of faces projected along an axis, negative if the front faces downwards
+    across  : (n,) minimum projected area of a face that counts as perpendicular to the axis
     heights : (n, 3) coordinates of the corners along the axis
     low     : upper limit of the lower end
     high    : lower limit of the upper end

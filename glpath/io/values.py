@@ -31,7 +31,7 @@ def as_float64(stored: ArrayLike) -> Float64:
 
 
 def rgb(value: ArrayLike) -> Float64:
-    """Return (3,) float64 of three numbers, or of one number for grey."""
+    """Return three numbers, or one number for grey, as (3,) float64."""
     return np.array(np.broadcast_to(np.asarray(value, np.float64), 3))
 
 

@@ -67,7 +67,7 @@ class VtkMesh:
         return flat, ends
 
     def save(self, path: str | Path) -> None:
-        """Write a .vtp (PolyData) or .vtu (UnstructuredGrid), whole or not at all.
+        """Write a .vtp (PolyData) or .vtu (UnstructuredGrid) file atomically.
 
         Raises UsageError for another suffix, and ImageError if the file cannot be written.
         """
@@ -115,7 +115,7 @@ class VtkMesh:
 
 
 def points_with_values(points: Any, values: Mapping[str, Any]) -> VtkMesh:
-    """Return points alone (N, 3), each a cell, with values by name, each (N,) or (N, k)."""
+    """Return a mesh of points (N, 3), each of them a cell, with values by name, (N,) or (N, k) each."""
     at = np.asarray(points, np.float64)
     if at.ndim != 2 or at.shape[1:] != (3,):
         raise UsageError(f"points: of shape {at.shape} where (N, 3) is needed.")

@@ -1,6 +1,6 @@
 """Weather files (EPW and TMY3): direct and diffuse irradiance of each hour of a year, and positions of the sun.
 
-The numbers of an hour are means over it, so the sun position is that in the middle of the hour (`sun_of_hours`).
+The values of an hour are averages, so the sun position is taken in the middle of the hour (`sun_of_hours`).
 Times are local standard time, without summer time, as in the files.
 
 Cost:     half a second for a year; pvlib reads the files (`glpath[sky]`).
@@ -33,13 +33,13 @@ from glpath.system.numerals import real
 WEATHER_FILES = (".epw", ".csv")
 #: Year to which the dates of a file are assigned if its hours are from several years.
 TYPICAL_YEAR = 2023
-# Maximum size of a file, ten times that of a year, bytes.
+# Maximum size of a file in bytes: ten times the size of a year.
 _MAX_BYTES = 2**24
-# Minimum irradiance that marks a missing value, W m^-2.
+# Values from this one on mark missing irradiance, W m^-2.
 _MISSING = 9000.0
 # Number of lines before the first hour of an EPW file.
 _EPW_HEAD = 8
-# Text at the start of the last of these lines.
+# Text at the start of the last line before the first hour of an EPW file.
 _EPW_LAST = "DATA PERIODS"
 # Text at the start of the line about leap years in an EPW file.
 _EPW_HOLIDAYS = "HOLIDAYS/DAYLIGHT SAVING"
@@ -47,13 +47,14 @@ _EPW_HOLIDAYS = "HOLIDAYS/DAYLIGHT SAVING"
 _EPW_FIELDS = 35
 # Number of lines before the first hour of a TMY3 file.
 _TMY3_HEAD = 2
-# Lowest irradiance that counts as noise of a pyranometer around 0, W m^-2.
+# Minimum irradiance that counts as noise of a pyranometer, and thus as 0, W m^-2. Lower values are errors.
 _MIN_NOISE = -20.0
-# Maximum difference between the light of sun and sky and the year's global light without a warning, as a fraction.
+# Maximum difference between global irradiance and that of sun plus sky, summed over the year, as a fraction of the
+# global irradiance. Above it a warning is printed.
 _CLOSURE = 0.15
-# Range of ground altitudes with a margin, metres above the sea.
+# Minimum and maximum altitude of a site, metres above the sea; others are errors.
 _ALTITUDES = -1000, 10000
-# Maximum difference between a time zone and its longitude without a warning, degrees.
+# Maximum difference between the longitude and 15 times the time zone, degrees. Above it a warning is printed.
 _ZONE = 45.0
 
 
@@ -94,7 +95,7 @@ class Weather:
 
     @cached_property
     def sun(self) -> SunPosition:
-        """Sun position of each hour, (H,) degrees: altitude, and azimuth from north by east.
+        """Sun position of each hour, (H,) degrees: altitude, and azimuth from north towards east.
 
         The altitude is below 0 if the sun is down throughout the hour.
         """
@@ -123,7 +124,7 @@ class Weather:
         return self.diffuse_horizontal * self.skies.diffuse_efficacy(self.water)
 
     def hour_of(self, time: np.datetime64) -> int:
-        """Return the index of the hour that contains a local standard time; the year of that time is ignored.
+        """Return the index of the hour that contains `time`, in local standard time; its year is ignored.
 
         Raises SceneError for an hour that the file does not have.
         """
@@ -184,7 +185,7 @@ def _plain_epw(text: str, path: Path) -> tuple[str, list[int]]:
     EnergyPlus reads more forms. The result has no comments in its head, all fields in each row, hours from 1 to 24,
     and no 29 February that the head does not allow. A field that is missing at the end of a row is empty.
     """
-    # str.splitlines also splits at characters such as U+0085, which may be halves of letters.
+    # str.splitlines also splits at characters such as U+0085, which may be bytes of letters.
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     last = [number for number, line in enumerate(lines) if line.upper().startswith(_EPW_LAST)]
     first = last[0] + 1 if last else _EPW_HEAD

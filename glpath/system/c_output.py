@@ -24,10 +24,10 @@ _lock = threading.Lock()
 
 @contextmanager
 def without_lines(*beginnings: str) -> Iterator[None]:
-    """Context that drops output lines with one of the given beginnings, from both files and `sys.stdout`.
+    """Context that drops lines with these beginnings from `sys.stdout` and from file descriptors 1 and 2.
 
-    All other lines are written at the end. Lines of the two files go to standard error; they may include lines of
-    other threads.
+    All other lines are written at the end. Lines from the descriptors go to standard error; they may include
+    lines of other threads.
     """
     printed = io.StringIO()
     try:

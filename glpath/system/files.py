@@ -33,7 +33,7 @@ _fcntl = posix_module("fcntl")
 Save = Callable[[Path], object]
 
 _STDOUT = "-"
-# Longest name of a file in bytes, as nearly all file systems have it.
+# Maximum length of a file name in bytes on nearly all file systems.
 _MAX_NAME_BYTES = 255
 # Placeholder for the random part of a temporary name, which no real name contains.
 _NO_TOKEN = 8 * "\0"
@@ -53,7 +53,7 @@ def is_stream(path: str | Path) -> bool:
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """Context with a temporary path, whose file appears at `path` complete or not at all.
+    """Context that yields a temporary path. The file written there appears at `path` complete or not at all.
 
     On leaving the block, the file is moved to `path` and replaces an existing file. If `path` is a pipe or device,
     the content is copied into it. If the block fails, the file is removed. Missing folders are created, and links
@@ -67,7 +67,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         raise ImageError(f"{path}: cannot be written: {reason_of(error)}.") from error
 
 
-# Flags that the system has. Windows needs O_BINARY, but has neither forks nor named pipes.
+# Flags for reading, as far as the system has them. Windows has only O_BINARY; it has neither forks (O_CLOEXEC) nor
+# named pipes (O_NONBLOCK).
 _READ = os.O_RDONLY
 for _name in ("O_CLOEXEC", "O_NONBLOCK", "O_BINARY"):
     _READ |= getattr(os, _name, 0)
@@ -80,21 +81,25 @@ MAX_FILE_BYTES = 2**32
 MAX_TEXT_BYTES = 2**28
 # Maximum size of data from a pipe, whose size is unknown in advance, bytes.
 _MAX_PIPE_BYTES = 2**28
-# Maximum wait for a writer of a named pipe, seconds.
+# Maximum wait for a writer of a named pipe, seconds. After it, reading fails.
 _WRITER_S = 3.5
 # Interval between checks for such a writer, seconds.
 _LOOK_S = 0.02
 # Interval between checks of the time limit while a pipe is silent, milliseconds.
 _SILENCE_MS = 200
 _PART_BYTES = 1 << 20
-# Maximum ratio of a sparse file's size to its data.
+# Maximum ratio of a sparse file's size to its data. Files above it are refused.
 _HOLES_RATIO = 64
 # Size up to which any sparse file is allowed, bytes.
 _SMALL_BYTES = 2**26
 
 
 def check_file(path: str | Path) -> None:
-    """Raise OSError, with the reason as its text, unless a library may open `path` itself and read all of it."""
+    """Raise OSError, with the reason as its text, if a library must not open `path` itself and read it.
+
+    These are pipes, devices, folders, unreadable files, and files that are nearly all holes. A missing path is
+    allowed.
+    """
     if (kind := _unreadable_kind(mode := _mode(path))) or stat.S_ISFIFO(mode):
         raise _refused(path, kind or "a pipe")  # not opened, because closing it would end its writer
     if mode:
@@ -261,7 +266,7 @@ def _check_holes(descriptor: int, size: int) -> None:
 
 
 def _unreadable_kind(mode: int) -> str:
-    """Return the kind of a path that cannot be read; "" for a file, a pipe, or a missing path."""
+    """Return what an unreadable path is, such as "a device"; "" for a file, a pipe, or a missing path."""
     if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
         return "a device"
     return "a socket" if stat.S_ISSOCK(mode) else "a folder" if stat.S_ISDIR(mode) else ""
@@ -338,7 +343,7 @@ def _sync_folder(folder: Path) -> None:
 def remove_parts(path: str | Path) -> None:
     """Remove temporary files that killed processes left while writing `path`.
 
-    Files that a process still writes are locked, and stay; so do all where locks do not exist.
+    Files that a process is still writing are locked, and stay. If the system has no file locks, all files stay.
     """
     target = real_path(path)
     before, after = _part_name(target, _NO_TOKEN).split(_NO_TOKEN)
@@ -352,7 +357,7 @@ def remove_parts(path: str | Path) -> None:
 
 @contextmanager
 def _through_a_folder(path: str | Path) -> Iterator[Path]:
-    """Write a temporary file, then copy it into a pipe or device, because writers of formats seek."""
+    """Write a temporary file, then copy it into a pipe or device, in which file writers cannot seek."""
     with tempfile.TemporaryDirectory(prefix="glpath-") as folder:
         temporary = Path(folder) / f"output{Path(path).suffix}"
         yield temporary
@@ -392,8 +397,8 @@ def check_writable(path: str | Path) -> None:
     folder = target.parent
     while not os.path.exists(folder):  # unlike Path.exists, does not raise if the folder above may not be entered
         folder = folder.parent
-    # Create a file, because permissions say little about root, network shares and read-only file systems. Use the
-    # target's name, which may be too long.
+    # Create a file, because permissions say little about root, network shares and read-only file systems. Its name
+    # is made of the target's name, so that a name that is too long fails.
     try:
         with suppress(FileNotFoundError):
             os.lstat(folder / target.name)
@@ -445,7 +450,7 @@ def _part_name(target: Path, token: str) -> str:
 def short_name(before: str, stem: str, after: str) -> str:
     """Return the joined parts as a file name; the stem is shortened if the name is too long for file systems.
 
-    Names of different stems stay different.
+    Different stems give different names.
     """
     encoded = os.fsencode(stem)
     beyond = len(os.fsencode(f"{before}{stem}{after}")) - _MAX_NAME_BYTES
@@ -476,7 +481,7 @@ def _mode(path: str | Path) -> int:
 
 
 def _unwritable_kind(path: str | Path) -> str | None:
-    """Return the kind of a path that a file must not replace; None for a file or a missing path."""
+    """Return what a path is, such as "a folder", if no file may replace it; None for a file or a missing path."""
     mode = _mode(path)
     if stat.S_ISDIR(mode):
         return "a folder"
@@ -522,7 +527,7 @@ def save_all(
 
 
 def rescued(rescue: Mapping[str, Save], where: str) -> str:
-    """Write a result into a temporary folder, and return the sentence that says where it is; see `save_all`."""
+    """Write a result into a temporary folder, and return the sentence that reports its location; see `save_all`."""
     names = ", ".join(map(str, _into_temporary_folder(rescue)))
     return where.format(names) if names else "Nor could it be kept in a temporary folder."
 
@@ -560,7 +565,7 @@ def reading(path: str | Path, what: str, remedy: str = "") -> Iterator[None]:
 
 
 def reason_of(error: BaseException) -> str:
-    """Return the system's message without a full stop."""
+    """Return the system's message of an OSError, or the text of another error, without a full stop."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     return str(error).rstrip(".") or type(error).__name__

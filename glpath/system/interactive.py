@@ -8,7 +8,7 @@ from typing import Any
 
 
 def in_notebook() -> bool:
-    """Return True in the kernel of a notebook, which shows images and whose end loses the user's work."""
+    """Return True in a notebook kernel, which can show images, and whose exit would lose the user's data."""
     return _kernel() is not None
 
 
@@ -25,7 +25,7 @@ def running_cell() -> str | None:
 
 
 def around_cells(before: Callable[[], None], after: Callable[[], None]) -> None:
-    """Register functions to call before and after each cell of a notebook; `after` includes the current cell."""
+    """Register functions to call before and after each notebook cell; the current cell gets only `after`."""
     from IPython.core.getipython import get_ipython
 
     events: Any = get_ipython().events  # type: ignore[union-attr]

@@ -5,11 +5,11 @@ NUMBA_CACHE_DIR). This cache guarantees the following, which numba's does not:
 
 - Kernels are executable code, so folder and files have the modes 0700 and 0600. If another user owns or can write
   them, or if they are links, they are not read.
-
 - A kernel is stale if any Python file of its top-level package has changed; see `room_stamp`. Contents are
   compared, so a cache that was copied with its installation stays valid.
-- A file holds one signature, with a checksum and its inputs. A file that is damaged, truncated, or of other inputs
-  counts as missing.
+- A file holds the kernel of one signature, its inputs and a checksum. A file that is damaged, truncated, or made
+from
+  other inputs counts as missing.
 - A failure to write (full disk, no permission) gives one warning.
 - If several processes need the same kernel, one compiles it, and the others wait and load it.
 """
@@ -41,10 +41,11 @@ log = logging.getLogger("glpath")
 NUMBA = numba_internals()
 _fcntl = posix_module("fcntl")
 
-#: Maximum wait for a process that compiles the same kernel, seconds; after that it probably hangs or was stopped.
+#: Maximum wait for another process that compiles the same kernel, seconds. After it, that process probably hangs,
+#: so this process compiles the kernel too.
 _PATIENCE = 60.0
 _HOUSE = Path(__file__).parents[1]
-# Name of the folder, which differs between users of a shared installation.
+# Name of the folder of kernels. It has the user's id, so that users of a shared installation have separate folders.
 _FOLDER = f"glpath-kernels-{os.geteuid()}" if hasattr(os, "geteuid") else "glpath-kernels"
 
 
@@ -119,8 +120,8 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the compiled kernel of a signature, or None.
 
-        Numba's own method first imports its whole compiler, which takes a quarter of a second. Compiled kernels do
-        not need it, because they allocate no arrays (`kernels`). Compilation imports it itself.
+        Numba's own method first imports the whole compiler, which takes a quarter of a second. Loading a kernel
+        does not need the compiler, because kernels allocate no arrays (`kernels`). Compiling a kernel imports it.
         """
         if reason := self.refusal():
             _warn_that_nothing_is_kept(self.folder, reason)
@@ -184,7 +185,7 @@ _OF_OTHERS = "another user owns it or may write to it"
 
 
 def _is_private(status: os.stat_result) -> bool:
-    """Return True if this user alone owns and may write the file or folder. Windows has no such modes."""
+    """Return True if this user alone owns and may write the file or folder; always True on Windows."""
     if not hasattr(os, "geteuid"):
         return True
     return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
@@ -215,7 +216,7 @@ def _warn_that_nothing_is_kept(folder: Path, reason: str) -> None:
 
 @contextmanager
 def _alone(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
-    """Hold a lock between processes; continue without it if locks are impossible, or after a minute.
+    """Context with a lock against other processes; without it if locks are impossible, or after `_PATIENCE`.
 
     Raises TimeLimitError as `check_time`.
     """

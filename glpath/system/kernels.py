@@ -27,7 +27,7 @@ from glpath.system.time_limit import check_time
 _njit: Any = numba.njit  # numba's type annotations lack some of the options used here
 log = logging.getLogger("glpath")
 
-# NUMBA_DISABLE_JIT keeps plain functions, for debuggers.
+# With NUMBA_DISABLE_JIT functions are not compiled, so that debuggers can enter them.
 _PLAIN = bool(getattr(numba.config, "DISABLE_JIT", False))
 
 #: Names of the kernels that this process compiles; the others stay plain functions. None: all are compiled. It must
@@ -37,9 +37,8 @@ only: frozenset[str] | None = None
 Report = Callable[[str], None]
 
 
-# Kernels allocate no arrays, because compiling `np.empty` alone takes seconds. Without arrays that are created and
-# freed, no references are counted. Counting is atomic and slower than the work of inner loops. Python allocates all
-# memory.
+# Kernels allocate no arrays, because compiling `np.empty` alone takes seconds. Callers allocate them in Python.
+# Kernels then need no reference counts, whose atomic operations are slower than the work of inner loops.
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", **NUMBA_OPTIONS}
 
 
@@ -53,7 +52,7 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 def inner_kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function that only kernels call, as a part of each. Called from Python, it runs as Python."""
+    """Compile a function as a part of each kernel that calls it. Called from Python, it runs uncompiled."""
     if _PLAIN:
         return function
     return _as_python(_for_types(_njit(**_OPTIONS, **NUMBA_WITHOUT_PYTHON)(function)))
@@ -75,12 +74,12 @@ def inner_sum(function: Callable[..., Any]) -> Any:
 
 
 def kernel_part(function: Callable[..., Any]) -> Any:
-    """Compile an inner kernel with a single call, inlined into its caller."""
+    """Compile an inner kernel that has a single call, and inline it there."""
     return function if _PLAIN else _as_python(_njit(**_OPTIONS, inline="always")(function))
 
 
 def _as_python(dispatcher: Any) -> Any:
-    """Make calls from Python run the Python function; without numba's wrapper they would jump to address 0."""
+    """Make calls from Python run the uncompiled function; without numba's wrapper they would jump to address 0."""
     kind = type(dispatcher)
 
     class Inner(kind):  # type: ignore[misc, valid-type]
@@ -92,9 +91,9 @@ def _as_python(dispatcher: Any) -> Any:
 
 
 def _for_types(dispatcher: Any) -> Any:
-    """Return the function, compiled once for all integers.
+    """Return the function, compiled by types alone, so that all integers share one compilation.
 
-    Otherwise numba compiles it again for each literal argument and for each literal initial value.
+    Otherwise numba compiles the function again for each literal argument and for each literal initial value.
     """
     compile_now = dispatcher.compile
 
@@ -111,7 +110,7 @@ class _Compilations:
 
     running  : True while a kernel is compiled; all functions compiled then are part of it
     expected : names of the kernels that are not compiled yet; empty if unknown
-    done     : number of kernels that were started or loaded from another process
+    done     : number of kernels whose compilation began, or that another process compiled
     report   : function that gets a text for each kernel; None: the log gets it
     """
 
@@ -129,7 +128,7 @@ class _Compilations:
         self._report(f"waiting for {name.strip('_')}{self._next()}, which another process compiles")
 
     def loaded(self, name: str) -> None:
-        # Count it, so that the last kernel is numbered as the last.
+        # Count kernels that were loaded, so that the last kernel gets the last number.
         self.done += name in self.expected
 
     def _next(self) -> str:
@@ -197,7 +196,7 @@ NUMBA.event.register("numba:compile", _Outermost())
 
 
 class _InTime(NUMBA.event.Listener):  # type: ignore[misc, name-defined]
-    """Listener that ends a compilation between two passes if a time limit is over."""
+    """Listener that ends a compilation between two compiler passes if a time limit is over."""
 
     def on_start(self, event: Any) -> None:
         check_time("compiling kernels")

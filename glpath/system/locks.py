@@ -42,10 +42,10 @@ log = logging.getLogger("glpath")
 _fcntl = posix_module("fcntl")
 _LOCKS_PARTS = hasattr(_fcntl, "F_OFD_SETLK")
 
-# The locked bytes lie beyond the text of any lock file, because some network file systems forbid reading locked
-# bytes.
+# Offset of the locked bytes. They lie beyond the text of any lock file, because some network file systems forbid
+# reading locked bytes.
 _BASE = 1 << 40
-# Byte that is locked while a process adds or removes itself as a holder.
+# Offset and length of the byte that is locked while a process adds or removes itself as a holder.
 _DESK = (_BASE - 1, 1)
 _HELD = (errno.EACCES, errno.EAGAIN)
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
@@ -54,7 +54,7 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 class Lock:
     """Lock that keeps other processes from a file during a `with` block; nested blocks share one lock.
 
-    path        : file to protect; no other lock file has its name
+    path        : file to protect; each file has a lock file of its own
     what        : description of the holder for the message, such as "a render"
     first, stop : range of parts that this process writes; processes with other parts do not conflict
 
@@ -147,7 +147,7 @@ class Lock:
             if error.errno not in _HELD:
                 raise
             raise self._refusal([each for each in held if self._meets(each)]) from None
-        # A recorded holder of this part no longer has the lock, so it was killed.
+        # The lock was free, so recorded holders of the same parts were killed. They are removed from the record.
         mine = {
             "pid": os.getpid(),
             "host": socket.gethostname(),
@@ -175,7 +175,7 @@ class Lock:
             log.info("%s: cannot be removed: %s", self._file, reason_of(error))
 
     def _is_there(self, descriptor: int) -> bool:
-        """Return True if the open file still has the lock file's name."""
+        """Return True if the lock file's name still leads to the open file."""
         try:
             named, opened = os.lstat(self._file), os.fstat(descriptor)
         except FileNotFoundError:

@@ -27,7 +27,7 @@ resource = posix_module("resource")
 
 
 def status_bytes(name: str) -> int:
-    """Return a size of this process by its name in /proc/self/status; 0 if the system does not tell."""
+    """Return the size, in bytes, that /proc/self/status gives under a name; 0 if the system does not report it."""
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
         return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{name}:")), 0)
@@ -53,7 +53,7 @@ def core_count() -> int:
 def in_threads(count: int, size: int, work: Callable[[int, int], object]) -> None:
     """Call `work(begin, end)` for ranges of up to `size` that cover 0 to `count`, in one thread per core.
 
-    It pays for work that releases Python's lock, such as kernels.
+    This is faster only for work that releases Python's lock, such as kernels.
     """
     begins = range(0, count, size)
     if len(begins) < 2:

@@ -1,8 +1,7 @@
 """Reader of arrays from .npz and .npy files, which may be damaged or hostile.
 
 The header of an array is read before its data, to check the type, the shape, and that the file can hold the data. A
-few kilobytes of zip can expand to gigabytes. Data that expand too much are rejected, because no real data of a
-rendering do.
+few kilobytes of zip can expand to gigabytes. Data that expand more than real data of a rendering are rejected.
 
 Source: numpy's NEP 1 (the .npy format).
 """
@@ -26,9 +25,9 @@ from glpath.system.files import open_file, reading
 
 # Upper bound of the header size of an array of numbers, bytes.
 _HEADER = 4096
-# Size to which data may always expand, bytes.
+# Data whose uncompressed size in bytes is at most this are always accepted.
 _UNFOLDED = 256 << 20
-# Maximum ratio of expanded to stored bytes above this size.
+# Maximum ratio of uncompressed to stored bytes for larger data. Above it the data are rejected.
 _RATIO = 64
 
 
@@ -90,7 +89,7 @@ def open_npz(path: str | Path, what: str, remedy: str = "") -> Iterator[Arrays]:
 
 
 def read_npy(path: str | Path) -> NDArray[Any]:
-    """Return the numbers of an .npy file; must be called within `reading`."""
+    """Return the numbers of an .npy file. Call it within `reading`, which turns all errors into ImageError."""
     with open_file(path) as file:
         _, dtype, size = _header(file)
         present = file.seek(0, io.SEEK_END)

@@ -1,12 +1,12 @@
 """Parsers of numbers in texts from users or files, which accept only ASCII digits.
 
-Python's `int` and `float` also accept underscores and digits of other scripts. They accept integers of thousands of
-digits, which no array and no formula here can hold.
+Python's `int` and `float` also accept underscores, digits of other scripts, and integers of thousands of digits.
+Arrays and formulas cannot hold such integers.
 """
 
 from __future__ import annotations
 
-# Maximum number of digits that always fits in 64 bits.
+# Maximum number of digits of an integer; 18 digits always fit into 64 bits.
 _MAX_DIGITS = 18
 
 

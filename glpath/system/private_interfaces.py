@@ -78,14 +78,14 @@ def set_numba_cache(dispatcher: Any, cache: Any) -> None:
 def given_trimesh_normals(mesh: Any) -> Any:
     """Return the vertex normals that a trimesh mesh was given; None if it has none.
 
-    The attribute `vertex_normals` computes missing normals. The cache has them only if they were given; trimesh's
-    own exporters use the same test.
+    The attribute `vertex_normals` computes missing normals. The mesh's cache has normals only if they were given;
+    trimesh's own exporters use the same test.
     """
     return mesh.vertex_normals if "vertex_normals" in _of("trimesh", mesh, "_cache") else None
 
 
 def given_trimesh_lights(scene: Any) -> Any:
-    """Return the lights that a `trimesh.Scene` was given; None without. Its `lights` would create some."""
+    """Return the lights that a `trimesh.Scene` was given, or None. The property `lights` would create lights."""
     # The attribute exists only if lights were given, so its absence is no error. This module's test checks for it.
     return getattr(scene, "_lights", None)
 

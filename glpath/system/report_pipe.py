@@ -16,9 +16,10 @@ import select
 import stat
 from typing import IO
 
-#: Maximum wait for a reader, seconds. The wait is made once, until the pipe takes reports again.
+#: Maximum wait for a reader, seconds. After a wait in vain, reports are dropped without waiting until the pipe
+#: takes one again.
 _PATIENCE = 1.0
-# A pipe that is writable takes this number of bytes without blocking (POSIX).
+# Number of bytes that a pipe takes without blocking if it is reported as writable (POSIX).
 _CHUNK_BYTES = getattr(select, "PIPE_BUF", 512)
 
 # Descriptors of pipes that did not take the last report.
@@ -52,7 +53,7 @@ def _is_pipe(descriptor: int) -> bool:
 
 
 def _is_read(descriptor: int) -> bool:
-    """Return True if a pipe takes a chunk of bytes, after waiting for its reader."""
+    """Return True if a pipe takes a chunk of bytes without blocking; wait for its reader if necessary."""
     pipe = select.poll()
     pipe.register(descriptor, select.POLLOUT)
     patience = 0.0 if descriptor in _unread else _PATIENCE

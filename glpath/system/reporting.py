@@ -60,9 +60,11 @@ class ProgressEvent:
 def reporting(
     mode: str, stream: IO[str] | None, event_of: Callable[[_Progress], ProgressEvent]
 ) -> AbstractContextManager[Callable[[_Progress], None] | None]:
-    """Return the reporter of a mode in `MODES`: auto is a bar on a terminal, else lines; none is None.
+    """Return a context that yields a function that reports progress; None for the mode "none".
 
-    A stream that is full, closed or None loses the report and does not end the work.
+    mode     : one of `MODES`; "auto" is a bar on a terminal, and lines elsewhere
+    stream   : reports are dropped, and do not end the work, if it is full, closed or None
+    event_of : function that makes the event of a report from the progress of the work
     """
     stream = report_stream(stream)
     if mode == "auto":

@@ -20,7 +20,8 @@ def similar_names(name: str, names: Iterable[str], count: int = 1, cutoff: float
 
     cutoff : minimum similarity from 0 to 1, see `difflib.get_close_matches`
 
-    Long names are left out. Of very many, those whose lengths are nearest to that of `name` are compared.
+    Long names are left out. Of very many names, those whose lengths are nearest to the length of `name` are
+    compared.
     """
     if len(name) > _MAX_COMPARED_LENGTH:
         return []

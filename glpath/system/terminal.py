@@ -24,7 +24,8 @@ from rich.text import Text
 
 from glpath.system.report_pipe import pipe_of, write_report
 
-# Words that are shortened. Names of files have at most 255 bytes, but paths have several names.
+# Words of 300 letters or more are shortened. File names have at most 255 bytes, and a slash ends a word, so paths
+# are not shortened.
 _LONG_WORD = re.compile(r"[^\s/]{300,}")
 # Number of characters at both ends that a shortened word keeps.
 _ENDS = 40

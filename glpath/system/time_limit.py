@@ -31,8 +31,8 @@ _os = posix_module("posix")
 GRACE = 1.0
 #: Fraction of the remaining time that `part_of_time` grants.
 PART = 0.5
-# Maximum difference between the age of this process and its processor time, seconds. A larger age is that of a
-# shell that waited before it became this program by exec, which keeps the start of a process.
+# Maximum difference between the age of this process and its processor time, seconds. If it is larger, a shell
+# waited before it became this program by exec, which keeps the start time of the process.
 _MAX_IDLE = 2.0
 
 
@@ -54,7 +54,7 @@ class _Limit:
 
 # A thread begins without a limit, so each render checks the limit of its own call.
 _limit: ContextVar[_Limit | None] = ContextVar("time_limit", default=None)
-# Start of the process for its command, by `time.perf_counter`; None outside of `command_clock`.
+# Start of the process, from which its command's time counts, by `time.perf_counter`; None outside `command_clock`.
 _command_began: float | None = None
 
 
@@ -155,7 +155,7 @@ def _set(limit: _Limit | None) -> Iterator[None]:
 
 
 def count_earlier(seconds: float) -> None:
-    """Count the seconds of an earlier run that this run resumes."""
+    """Count the seconds that an earlier run, which this run resumes, has used of the limit."""
     limit = _limit.get()
     if limit is not None:
         limit.ends -= seconds

@@ -1,4 +1,4 @@
-"""Office with the polygon counts of the paper's: 906, or 2563 with tessellated floor and walls.
+"""Office with as many polygons as the office of [SC]: 906, or 2563 with tessellated floor and walls.
 
 The original database of [SC, Statistics] is lost. Only these counts and its ten area lights are known. Desks,
 chairs, shelves, partitions and screens are solid boxes; chairs are rotated by various angles.
@@ -17,7 +17,7 @@ from glpath.scene.model import Scene
 
 _Part = tuple[str, str, tuple[float, float, float], tuple[float, float, float]]
 
-#: Size of the room, which starts at 0: x along the windows, y up; metres.
+#: Size of the room in metres: x along the window wall, y up. One corner is the origin.
 ROOM = (12.0, 3.0, 8.0)
 # Numbers of rectangles along and across the floor. All surfaces together give 2563 polygons.
 _FLOOR = (30, 20)
@@ -104,7 +104,7 @@ def _sheet(
     cells: tuple[int, int] = (1, 1),
     **more: Any,
 ) -> dict[str, Any]:
-    """Return a rectangle of cells; its front is in the direction `along` x `across`."""
+    """Return a rectangle of `cells` faces; its front faces along the cross product of `along` and `across`."""
     n, m = cells
     u, v = np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1)
     grid = np.array(corner) + u[:, None, None] * np.array(along) + v[None, :, None] * np.array(across)
@@ -170,7 +170,7 @@ def _box(
     name: str, material: str, center: tuple[float, ...], size: tuple[float, ...], at: tuple[float, ...] = (0, 0, 0),
     angle: float = 0.0,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return a box of a piece of furniture, which is rotated by `angle` degrees about y and then moved to `at`."""
+    """Return a box of a piece of furniture. The piece is rotated by `angle` degrees about y, then moved to `at`."""
     return {
         "type": "box", "name": name, "material": material, "center": list(center), "size": list(size),
         "transform": [{"rotate": {"axis": [0, 1, 0], "angle": angle}}, {"translate": list(at)}],

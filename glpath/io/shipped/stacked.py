@@ -30,7 +30,8 @@ _COLOURS = {
     "blue": (0.16, 0.28, 0.70),
     "violet": (0.48, 0.20, 0.60),
 }
-# Maximum objects that are separate shapes; a million names and ranges would take longer than all the rest.
+# Maximum number of objects for which each is a shape of its own. Making a million names and ranges would take
+# longer than the rest of the scene.
 _MAX_SHAPES = 10_000
 # Lean of the triangles in degrees, alternately forwards and backwards; in one plane they would have no shadows.
 _LEAN = 20.0
@@ -93,7 +94,7 @@ def stacked(
         shapes=Shapes(shapes),
         materials=tuple(materials),
         source="stacked",
-        # A surface in the middle that faces the light has a radiance equal to its reflectance.
+        # With this intensity, a surface at the origin that faces the light has a radiance equal to its reflectance.
         lights=(Light("lamp", "point", np.full(3, np.pi * _LIGHT @ _LIGHT), position=_LIGHT.copy()),),
         ambient=np.full(3, 0.1),
         sky=Sky(np.array([0.25, 0.35, 0.55]), np.array([0.55, 0.65, 0.80])),
@@ -117,8 +118,8 @@ def _shapes(objects: int, kind: str, geometry_of: Callable[[slice], dict[str, An
 def _pile_of_spheres(objects: int, half_width: float) -> Float64:
     """Return the (N, 3) centres of spheres of radius 1, from the bottom row up.
 
-    The number of columns makes them appear largest. Rows alternate between c and c - 1 spheres, each in the hollows
-    of the row below, sqrt(3) higher.
+    The number of columns c is the one at which the spheres appear largest. Rows alternate between c and c - 1
+    spheres. Each row lies in the hollows of the row below, sqrt(3) higher.
     """
     columns = np.arange(2, max(objects, 2) + 1)
     rows = _row_and_column(np.array(objects - 1), columns)[0] + 1
@@ -144,8 +145,8 @@ def _row_and_column(number: Int64, columns: Int64 | int) -> tuple[Int64, Int64]:
 def _wall_of_triangles(objects: int, half_width: float) -> Float64:
     """Return the (N, 3, 3) corners of equilateral triangles, in rows from the bottom up, fronts to the camera.
 
-    Each row is a strip of triangles that alternately point up and down. The number of columns makes them appear
-    largest.
+    Each row is a strip of triangles that alternately point up and down. The number of columns is the one at which
+    the triangles appear largest.
     """
     columns = np.arange(1, objects + 1)
     extent = np.maximum((columns + 1) / 2 / half_width, _ROW / 2 * -(-objects // columns))

@@ -28,7 +28,7 @@ _PATCHES = """
  68  69  70  71  72  73  74  75  76  77  78  79  80  81  82  83
  80  81  82  83  84  85  86  87  88  89  90  91  92  93  94  95
 """
-_TWICE_REFLECTED = 6  # the first patches, reflected in x and in y
+_TWICE_REFLECTED = 6  # number of first patches that are reflected in x and in y
 
 _POINTS = """
 .2 0 2.7  .2 -.112 2.7  .112 -.2 2.7  0 -.2 2.7

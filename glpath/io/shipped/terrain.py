@@ -13,7 +13,7 @@ from glpath.scene.patches import PatchChunks, Patches, diced
 
 # Number of control points along a side of the net.
 _NET = 19
-# Half the length of that side, scene units.
+# About half the length of a side of the surface, scene units; the net is 15 % larger.
 _HALF = 8.0
 _DISPLACED = 1.1
 
@@ -21,8 +21,8 @@ _DISPLACED = 1.1
 def rocks(uv: Float64) -> Float64:
     """Return (N,) heights, 0 to about 1, at texture coordinates (N, 2).
 
-    They are sharp ridges in five octaves [Musgrave 1994]. An octave is stronger where the octave before it is high,
-    so valleys are smooth.
+    The heights are sharp ridges in five octaves [Musgrave 1994]. The higher an octave is at a point, the stronger
+    the next octave is there, so valleys are smooth.
     """
     u, v = uv.T
     height, strength, weight, frequency = np.zeros(len(uv)), np.ones(len(uv)), 0.6, 4.0
