@@ -123,7 +123,7 @@ class Assets:
                 f"is for formats that do not say what is up, but {given.file} is glTF, which has y up.",
                 "Leave it out, or turn the model: transform = [{ rotate = { axis = [1, 0, 0], angle = -90 } }].",
             )
-        if not os.path.isfile(path):  # unlike Path.is_file, returns False if the name is too long
+        if not os.path.isfile(path):  # Path.is_file may raise if the name is too long
             there = "is not a file" if os.path.exists(path) else "does not exist"
             raise here.error(f"names {path}, which {there}.", nearby_files("Models", path, FORMATS))
         if (path, time) not in self._read:

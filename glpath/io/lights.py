@@ -211,7 +211,7 @@ def _cone(cone: tuple[float, float], location: SourceLocation) -> tuple[float, f
 def emission(
     given: Emission | UnsetType, location: SourceLocation, scene_unit: Unit, shape: Shape, material: Material
 ) -> Shape:
-    """Return the shape with the radiance of its description, in the unit of the scene. Raises SceneError."""
+    """Return `shape` with the emission that its table describes, in the unit of the scene. Raises SceneError."""
     if isinstance(given, UnsetType):
         return shape
     factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
@@ -287,7 +287,7 @@ def sky(
 
 
 def portals(given: description.Sky | UnsetType, location: SourceLocation) -> tuple[Portal, ...]:
-    """Return the portals of the sky at `location`. Raises SceneError."""
+    """Return the portals of a sky, whose table is at `location`. Raises SceneError."""
     if isinstance(given, UnsetType):
         return ()
     location = location.field("portals")
@@ -304,7 +304,7 @@ def portals(given: description.Sky | UnsetType, location: SourceLocation) -> tup
 
 
 def _cie_sky(given: description.Sky, up: Float64, factor: float, location: SourceLocation) -> Environment:
-    """Return the environment of a sky of the CIE. Raises SceneError."""
+    """Return the environment of a CIE sky. Raises SceneError."""
     _check_names(given, ("horizon", "file", "scale", "rotation"), location, "A sky of the CIE has none.")
     if isinstance(given.cie_type, UnsetType):
         raise location.error(

@@ -218,7 +218,7 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
         raise location.wrong(
             str(path), f"a mesh file that ends in {', '.join(FORMATS)}", "Convert the mesh, e.g. in Blender."
         )
-    if not os.path.isfile(path):  # unlike Path.is_file, returns False if the name is too long
+    if not os.path.isfile(path):  # Path.is_file may raise if the name is too long
         raise location.error(
             f"names the mesh file {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
             nearby_files("Mesh files", path, FORMATS),

@@ -110,7 +110,7 @@ def read_model(path: Path, location: SourceLocation, time: float | None = None, 
 
 
 def gltf_cameras(path: Path) -> tuple[str, ...]:
-    """Return the names of the cameras from which the parameter `camera` chooses, in order. Raises SceneError."""
+    """Return the names of the cameras, in the order in which the parameter `camera` counts. Raises SceneError."""
     document = read_document(path)
     nodes = Nodes.of(document, {})
     found = (camera_of(document, nodes.tables[index], nodes.world[index]) for index in nodes.drawn)

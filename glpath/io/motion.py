@@ -28,11 +28,11 @@ def camera_keys(given: description.View) -> tuple[CameraKey, ...]:
 
 
 def motion_of(keys: Sequence[description.Key], placed: Float64, location: SourceLocation) -> Motion | None:
-    """Return the motion of an object whose own transforms are `placed` (N, 3, 4); None without keys.
+    """Return the motion of an object whose own transforms are `placed` (N, 3, 4); None if there are no keys.
 
     location : location of the list of keys
 
-    Raises SceneError for keys that are not in order, that mirror, or that lead too far away.
+    Raises SceneError for keys whose times do not ascend, that mirror, or that lead beyond `LARGEST`.
     """
     if not keys:
         return None

@@ -1,8 +1,8 @@
 """Read OBJ files as arrays: all polygons that the format allows, in the variants that exporters write.
 
 Indices count from 1, or backwards from the last vertex so far if they are negative; `text` has the rules for lines
-and comments. Normals and texture coordinates that are NaN or infinite are left out. So are faces with such a
-vertex. One warning reports both.
+and comments. Normals, texture coordinates and vertices that are NaN or infinite are left out, and so are faces with
+such a vertex. One warning reports all of these.
 
 Source: Wavefront's Advanced Visualizer manual, appendix B1 (Object Files).
 """
@@ -70,7 +70,7 @@ class ObjFile:
     parts     : triangles by material, those without a material first
     materials : names of the materials that faces use
     libraries : names of the MTL files
-    coloured  : True if vertices have colours; colours of only some vertices are left out
+    coloured  : True if any vertex has a colour; `colours` is None if only some have
     guess     : description of how the scale of colours was guessed; empty if they are fractions
     lines     : (L, 2) vertex indices, from 0, at the ends of line segments
     """
@@ -132,7 +132,7 @@ def read_obj(content: bytes, source: str) -> ObjFile:
     face_texts: list[str] = []
     sizes: list[int] = []
     used: list[tuple[int, int]] = [(0, -1)]  # number of faces before a usemtl, and its material
-    drawn: list[tuple[int, int, int]] = []  # two vertices of a segment, and its line in the file
+    drawn: list[tuple[int, int, int]] = []  # vertices at the ends of a segment, and line number
     materials: dict[str, int] = {}
     libraries: dict[str, None] = {}
     unused: Counter[str] = Counter()

@@ -1,4 +1,4 @@
-"""Read OFF files as meshes: vertices, then faces of any number of corners, both perhaps with colours.
+"""Read OFF files as meshes: vertices, then faces of any number of corners, both optionally with colours.
 
 A line holds one vertex or one face. Comments and empty lines do not count.
 
@@ -33,8 +33,8 @@ _KEYWORDS = "OFF, COFF, NOFF or STOFF"
 def read_off(content: bytes, source: str) -> tuple[Mesh, bool]:
     """Return the mesh of a file, and True if vertices or faces have colours, which are not read.
 
-    Vertices without faces are left out; other parts that are left out give a warning. Raises ValueError, or
-    SceneError with the line.
+    Vertices without faces are left out silently, other parts with a warning. Raises ValueError, or SceneError with
+    the line.
 
     source : name of the file, for errors and warnings
     """

@@ -37,7 +37,7 @@ _TEXTURE = re.compile(r"TextureFile\s+(.*\S)")
 MAX_PROPERTIES = 4096
 # Maximum length of lists in rows that are read together as a table. Rows with longer lists are read one by one.
 _MAX_UNIFORM = 1 << 12
-# Number of list values that are gathered at once; index arrays of more do not fit into a cache.
+# Number of list values that are gathered at once; index arrays for more values do not fit into the CPU's cache.
 _BLOCK = 1 << 18
 
 

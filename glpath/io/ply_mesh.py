@@ -82,7 +82,7 @@ class PlyMesh:
 class _Triangles:
     """Triangles of faces and strips.
 
-    corners  : (F, 3) vertices
+    corners  : (F, 3) vertex indices
     polygons : (F,) row of the face of each triangle; -1 for triangles of strips
     uv       : (3 F, 2) texture coordinates of the corners; None if the file has none
     """

@@ -35,7 +35,7 @@ def stored_picture(
         raise location.error(
             f"names {path}, but {what} is a file that ends in {', '.join(formats)}.", "Convert it, e.g. with GIMP."
         )
-    if not os.path.isfile(path):  # unlike Path.is_file, returns False if the name is too long
+    if not os.path.isfile(path):  # Path.is_file may raise if the name is too long
         raise location.error(
             f"names the picture {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
             nearby_files("Pictures", path, formats),

@@ -70,9 +70,9 @@ def sun_positions(times: Times, latitude: float, longitude: float, elevation: fl
 def sun_of_hours(begin: Times, latitude: float, longitude: float, elevation: float = 0.0) -> SunPosition:
     """Return the sun positions in the middle of the hours that begin at times (N,).
 
-    If the sun rises or sets in an hour, its position is that in the middle of the time above the horizon. In the
-    middle of such an hour it may be below the horizon, although the hour has light. An altitude below 0 means that
-    the sun is down for the whole hour.
+    If the sun rises or sets in an hour, its position is taken in the middle of the part in which it is up. In the
+    middle of the hour it may be below the horizon, although the hour has light. An altitude below 0 means that the
+    sun is down for the whole hour.
     """
     begin = np.asarray(begin, "datetime64[s]")
     middle = sun_positions(begin + _seconds(0.5), latitude, longitude, elevation)

@@ -1,6 +1,6 @@
 """Surroundings of a scene from any kind of file: an environment map as its sky, and a background.
 
-Every scene has these parameters (`load_scene`); a scene file's own sky is in `glpath.io.lights`. An environment
+Every scene has these parameters (`load_scene`); `glpath.io.lights` reads a scene file's own sky. An environment
 replaces that sky, and the light that is added if a scene has none. Other lights of the file stay.
 """
 

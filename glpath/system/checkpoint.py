@@ -78,7 +78,7 @@ class CheckpointFile(Locked):
         else:
             self.failure = None
             self.written += 1
-        # Count the interval from the end of writing, so that a slow disk does not take all the time.
+        # Count the interval from the end of writing, so that a slow disk leaves time for the work.
         self._last_time, self._last_step = time.monotonic(), step
         self.took = self._last_time - started
         return self.failure is None

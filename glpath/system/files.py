@@ -173,7 +173,7 @@ def _open(path: str | Path) -> int:
 def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
     """Return all of standard input: a file, a pipe, a socket or a terminal, within the limits of `read_bytes`.
 
-    Waits until it ends. Raises OSError, with the reason as its text, and TimeLimitError.
+    Waits for the end of the input. Raises OSError, with the reason as its text, and TimeLimitError.
     """
     stream: BinaryIO | None = getattr(sys.stdin, "buffer", None)
     if stream is None:
@@ -418,7 +418,7 @@ def check_outputs(paths: Sequence[Path]) -> None:
 
 
 def check_separate(option: str, path: Path, outputs: Iterable[Path]) -> None:
-    """Raise UsageError if the file of an option is also an output, which one of the two would replace.
+    """Raise UsageError if the file of an option is also an output, because one would replace the other.
 
     Pipes and devices may be named several times, except standard output as `-`.
     """

@@ -1,4 +1,4 @@
-"""Detection of interactive use in a notebook, which needs other behaviour than a program."""
+"""Detection of notebooks, in which glpath has to behave differently than in a program."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ def announced(expected: Iterable[Any], report: Report | None = None) -> Iterator
 
 
 class _Outermost(NUMBA.event.Listener):  # type: ignore[misc, name-defined]
-    """Listener that reports each compiled kernel, but not the functions in it and not loaded kernels."""
+    """Listener that reports each kernel that is compiled, but neither its parts nor kernels from the cache."""
 
     def on_start(self, event: Any) -> None:
         if not self._depth and _compilations.running:
@@ -210,7 +210,7 @@ NUMBA.event.register("numba:run_pass", _InTime())
 
 @contextmanager
 def _running() -> Iterator[None]:
-    """Context of the compilation of a kernel and of all kernels that it calls."""
+    """Context in which a kernel and all kernels that it calls are compiled."""
     # The compiler's objects are all in use, so searching them for cyclic garbage would waste a twelfth of the time.
     collects = gc.isenabled()
     gc.disable()
@@ -224,7 +224,7 @@ def _running() -> Iterator[None]:
 
 
 def _kept(dispatcher: Any) -> Any:
-    """Return the function with a cache, compiled by one process at a time."""
+    """Return the function with a cache on disk; only one process at a time compiles it."""
     cache = None
     # Numba raises if neither the folder of the file nor the user's cache is writable.
     with suppress(RuntimeError):

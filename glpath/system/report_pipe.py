@@ -3,8 +3,8 @@
 A write to a full pipe blocks until somebody reads it. Reports must not stop the work, so a report that a pipe does
 not take is dropped. The file is not made non-blocking, because other processes share its description.
 
-Poor at:  several processes that fill one pipe at the same time. Another process may take the room between the check
-          and the write, which then blocks.
+Poor at:  several processes that fill one pipe at the same time. Another process may fill the pipe between the
+          check and the write, which then blocks.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def _is_read(descriptor: int) -> bool:
     pipe = select.poll()
     pipe.register(descriptor, select.POLLOUT)
     patience = 0.0 if descriptor in _unread else _PATIENCE
-    _unread.add(descriptor)  # now, because a signal may end the wait
+    _unread.add(descriptor)  # before the wait, because a signal may end it
     if not pipe.poll(1000 * patience):
         return False
     _unread.discard(descriptor)

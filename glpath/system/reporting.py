@@ -32,7 +32,7 @@ class ProgressEvent:
     """Report of progress within a stage of work.
 
     done, total : amounts of the stage, for a bar, which pulses if total is None
-    count       : done of total in words, beside the bar
+    count       : `done` and `total` as text, beside the bar
     detail      : further information, beside the bar
     line        : beginning of a line; "" if only the stage is to be printed
     line_detail : end of the line, after the time

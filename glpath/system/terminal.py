@@ -149,7 +149,7 @@ def clean_console(stream: IO[str] | None = None, **how: Any) -> Console:
 
 
 class CleanHandler(logging.Handler):
-    """Log handler that prints to the current standard error."""
+    """Log handler that prints each record to `sys.stderr` as it is at that time."""
 
     def emit(self, record: logging.LogRecord) -> None:
         say(self.format(record), err=True)

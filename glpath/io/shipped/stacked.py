@@ -1,6 +1,6 @@
 """Scalable scene: any number of equal objects, stacked until they fill the image [TB V.A, figure 12].
 
-More objects are smaller objects, so that any number covers about the same fraction of the image.
+The more objects there are, the smaller they are, so that any number covers about the same fraction of the image.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from glpath.scene.model import Camera, Float64, Light, Material, Mesh, Scene, Sh
 Int64 = NDArray[np.int64]
 
 _FOV = 40.0
-# Distance of the camera from the objects' plane z = 0, at which half the height of the view is 1.
+# Distance of the camera from the plane z = 0 of the objects. At this distance, half the height of the view is 1.
 _DISTANCE = 1 / np.tan(np.radians(_FOV) / 2)
 _LIGHT = np.array([1.6, 3.0, 3.2])
 _COLOURS = {
@@ -33,7 +33,8 @@ _COLOURS = {
 # Maximum number of objects for which each is a shape of its own. Making a million names and ranges would take
 # longer than the rest of the scene.
 _MAX_SHAPES = 10_000
-# Lean of the triangles in degrees, alternately forwards and backwards; in one plane they would have no shadows.
+# Lean of the triangles in degrees, alternately forwards and backwards; in one plane they would cast no shadows on
+# each other.
 _LEAN = 20.0
 # Size of the triangles relative to their cells, so that no two triangles share an edge.
 _INSET = 0.94
