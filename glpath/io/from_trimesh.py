@@ -75,7 +75,7 @@ class Surfaces:
     _alive: list[Any] = field(default_factory=list)  # keeps objects alive, so that their ids stay unique
 
     def of(self, given: Any, mesh: Mesh) -> tuple[Mesh, Surface | None]:
-        """Return `mesh` with the colours of `given`, and its surface; None without a material and colours.
+        """Return `mesh` with the colours of `given`, and its surface; None if there is neither material nor colour.
 
         given : trimesh mesh from which `mesh` was made
         """

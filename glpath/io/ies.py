@@ -198,7 +198,7 @@ class _Reader:
 def _with_last_plane(c: Float64) -> Float64:
     """Return C angles with 360 added, if they start at 0 and only the plane at 360 is missing.
 
-    This is assumed if the gap from the last angle to 360 is as wide as the first or the last step.
+    No other plane is missing if the gap from the last angle to 360 is as wide as the first or the last step.
 
     Source: Cycles, util/ies.cpp.
     """

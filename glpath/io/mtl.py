@@ -4,7 +4,7 @@ Colours are linear, as Blender writes them. The statements are translated as fol
 
     Kd map_Kd             reflectance and its texture. Kd of 0 with a texture counts as 1, and so does Ke. If Kd is
                           from 0 to 255, it is divided by 255, and so are other colours of the file above 1
-    Ks Ns                 gloss, see `phong`; with illum 3, 5 and 8 the surface is a mirror
+    Ks Ns                 gloss, see `phong`; with illum 3, 5 and 8, Ks is the reflectance of a mirror
     Pr Pm Pc Pcr aniso    roughness, metallic, clearcoat and its roughness, anisotropy. Pr, Pm and their maps
                           replace Ks and Ns; map_Pr and map_Pm multiply
     d, or Tr, map_d       opacity, blended; a surface of opacity 0 is taken for opaque, with a note

@@ -1,7 +1,7 @@
 """Search for files that a model names, such as pictures, with notes on those found elsewhere or not at all.
 
-Models move between machines. The file names in them may then differ in case or encoding, contain backslashes or
-quotes, be paths of another machine, or have accents as separate characters.
+Models move between machines. The file names in them may then be paths of another machine, or differ in case or
+encoding. They may also contain backslashes or quotes, or have accents as separate characters.
 """
 
 from __future__ import annotations

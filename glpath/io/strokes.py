@@ -16,9 +16,9 @@ Int64 = NDArray[np.int64]
 
 # Radius of lines, as a fraction of the bounding box's diagonal.
 _LINE = 0.004
-# Minimum radius of points, as a fraction of that diagonal.
+# Minimum radius of points, as a fraction of the bounding box's diagonal.
 _MIN_POINT = 0.0005
-# Maximum radius of points, as a fraction of that diagonal.
+# Maximum radius of points, as a fraction of the bounding box's diagonal.
 _MAX_POINT = 0.02
 # Number of points above which each ball has only 20 triangles.
 _MANY = 2_000
@@ -26,7 +26,7 @@ _SIDES = 8
 
 
 def point_radius(points: Float64) -> float:
-    """Return half the median nearest-neighbour distance of points (N, 3), clamped to the limits above."""
+    """Return half the median nearest-neighbour distance of points (N, 3), within `_MIN_POINT` and `_MAX_POINT`."""
     from scipy.spatial import cKDTree  # slow to import
 
     diagonal = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))

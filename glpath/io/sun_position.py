@@ -22,8 +22,8 @@ from glpath.scene.model import Float64
 
 Times = NDArray[np.datetime64]
 
-# The sun may rise or set in an hour only if, in the middle of the hour, it is nearer to the horizon than this,
-# degrees. It moves 7.5 degrees in half an hour.
+# Maximum distance of the sun from the horizon, degrees, in the middle of an hour in which it rises or sets. The sun
+# moves 7.5 degrees in half an hour.
 _LOW = 12.0
 
 
@@ -70,7 +70,7 @@ def sun_positions(times: Times, latitude: float, longitude: float, elevation: fl
 def sun_of_hours(begin: Times, latitude: float, longitude: float, elevation: float = 0.0) -> SunPosition:
     """Return the sun positions in the middle of the hours that begin at times (N,).
 
-    If the sun rises or sets in an hour, its position is taken in the middle of the part in which it is up. In the
+    If the sun rises or sets in an hour, its position is taken in the middle of the time that the sun is up. In the
     middle of the hour it may be below the horizon, although the hour has light. An altitude below 0 means that the
     sun is down for the whole hour.
     """

@@ -31,7 +31,7 @@ LYING = (".stl", ".ply")
 
 # Faces within this distance of an end of the bounding box count as lying at that end. Fraction of the box's extent.
 _END = 0.01
-# A face counts as perpendicular to an axis if the cosine between its normal and the axis is at least this.
+# A face counts as perpendicular to an axis if the absolute cosine between its normal and the axis is at least this.
 _ACROSS = 0.98
 # Minimum fraction of the footprint that a ground covers. The footprint is the bounding box seen along the axis.
 _GROUND = 0.5
@@ -42,8 +42,8 @@ _OTHER = 0.05
 # Minimum fraction of the footprint that a ground with its front downwards covers. It is larger than `_GROUND`,
 # because the base of a body faces downwards as well.
 _WHOLE = 0.95
-# Minimum fraction of the surface, projected along an axis, whose fronts face upwards. Above it, the surface counts
-# as facing upwards nearly everywhere.
+# A surface counts as facing upwards nearly everywhere if at least this fraction of its projected area faces
+# upwards.
 _UPWARDS = 0.9
 # Ratio of height to width below which an object is flat.
 _FLAT = 0.25

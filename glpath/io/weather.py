@@ -182,7 +182,7 @@ def _epw(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
 def _plain_epw(text: str, path: Path) -> tuple[str, list[int]]:
     """Return the text of an EPW file in the form that pvlib reads, and the line numbers of its rows, from 1.
 
-    EnergyPlus accepts more forms than pvlib. The result has no comments in its head, all fields in each row, hours
+    EnergyPlus accepts more forms than pvlib. The result has no comments in the head, all fields in each row, hours
     from 1 to 24, and no 29 February that the head does not allow. A field that is missing at the end of a row is
     empty.
     """
@@ -232,8 +232,8 @@ def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
         )
     _check_head(text, path, 3)
     table, site = _parsed("read_tmy3", text, path, map_variables=True)
-    # TMY3 times are the ends of the hours. In a leap year, the hour that ends at 0:00 on 1 March would begin on
-    # 29 February, which TMY3 files omit, so it is moved to 28 February.
+    # TMY3 times are the ends of the hours, and TMY3 files omit 29 February. In a leap year, the hour that ends at
+    # 0:00 on 1 March would begin on 29 February. It is moved to 28 February.
     begin = _without_zone(table) - np.timedelta64(3600, "s")
     month, day, hour = _in_year(begin)
     alone = (month == 1) & (day == 28) & (hour == 23) & (np.append([0], day[:-1]) == 27)

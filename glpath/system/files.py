@@ -95,9 +95,9 @@ _SMALL_BYTES = 2**26
 
 
 def check_file(path: str | Path) -> None:
-    """Raise OSError, with the reason as its text, if a library must not open `path` itself and read it.
+    """Raise OSError, with the reason as its text, for a path that libraries must not open themselves.
 
-    These are pipes, devices, folders, unreadable files, and files that are nearly all holes. A missing path is
+    Such paths are pipes, devices, folders, unreadable files, and files that are nearly all holes. A missing path is
     allowed.
     """
     if (kind := _unreadable_kind(mode := _mode(path))) or stat.S_ISFIFO(mode):

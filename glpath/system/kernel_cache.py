@@ -8,8 +8,7 @@ NUMBA_CACHE_DIR). This cache guarantees the following, which numba's does not:
 - A kernel is stale if any Python file of its top-level package has changed; see `room_stamp`. Contents are
   compared, so a cache that was copied with its installation stays valid.
 - A file holds the kernel of one signature, its inputs and a checksum. A file that is damaged, truncated, or made
-from
-  other inputs counts as missing.
+  from other inputs counts as missing.
 - A failure to write (full disk, no permission) gives one warning.
 - If several processes need the same kernel, one compiles it, and the others wait and load it.
 """
