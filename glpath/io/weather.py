@@ -182,9 +182,9 @@ def _epw(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
 def _plain_epw(text: str, path: Path) -> tuple[str, list[int]]:
     """Return the text of an EPW file in the form that pvlib reads, and the line numbers of its rows, from 1.
 
-    EnergyPlus accepts more forms than pvlib. The result has no comments in the head, all fields in each row, hours
-    from 1 to 24, and no 29 February that the head does not allow. A field that is missing at the end of a row is
-    empty.
+    EnergyPlus accepts more forms than pvlib. The result has no comments in the head. Each row
+    has all fields. Hours are from 1 to 24, and there is no 29 February that the head does not allow. A field that
+    is missing at the end of a row is empty.
     """
     # str.splitlines also splits at characters such as U+0085, which may be bytes of letters.
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")

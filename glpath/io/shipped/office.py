@@ -104,7 +104,7 @@ def _sheet(
     cells: tuple[int, int] = (1, 1),
     **more: Any,
 ) -> dict[str, Any]:
-    """Return a rectangle of `cells` quads; its normal is the direction of the cross product of `along` and `across`."""
+    """Return a rectangle of `cells` quads, whose normal is along the cross product of `along` and `across`."""
     n, m = cells
     u, v = np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1)
     grid = np.array(corner) + u[:, None, None] * np.array(along) + v[None, :, None] * np.array(across)
