@@ -101,7 +101,7 @@ class Mesh:
         return replace(self._with_vertices(first), faces=which.astype(np.int32)[self.faces])
 
     def without_faces(self, dropped: NDArray[np.bool_]) -> Mesh:
-        """Return the mesh without some faces and without unused vertices; the same mesh if it has neither.
+        """Return the mesh without some faces and without unused vertices; the same mesh if nothing is removed.
 
         dropped : (F,) bool
         """
@@ -127,7 +127,7 @@ class Mesh:
 
 
 IDENTITY = np.eye(3, 4)
-# Number of points whose boxes are computed at once, limited by the size of a cache.
+# Number of points that `instance_boxes` transforms at once, so that they fit into a cache.
 _TOGETHER = 1 << 15
 IDENTITY.flags.writeable = False
 

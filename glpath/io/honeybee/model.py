@@ -19,7 +19,7 @@ Ring = Annotated[list[Point], Meta(min_length=3)]
 
 
 def _in_file(name: str) -> str:
-    """Return the key of a field in the file; lists of shades have the plural there."""
+    """Return the file's key for a field; the key of an indoor_shade or outdoor_shade list has a plural s."""
     return f"{name}s" if name.endswith("_shade") else name
 
 

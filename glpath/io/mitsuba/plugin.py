@@ -18,7 +18,7 @@ from glpath.system.suggestions import similar_names
 
 #: Tags of elements that are plugins.
 PLUGINS = ("bsdf", "texture", "emitter", "shape", "medium", "sensor", "film", "sampler", "rfilter", "integrator")
-#: Linear Rec. 709 of light with equal energy at all wavelengths; a light's `<spectrum>` with one number means this.
+#: Linear Rec. 709 of light with energy 1 at all wavelengths. A light's `<spectrum>` with one number multiplies it.
 EQUAL_ENERGY = np.array([1.204795, 0.948289, 0.908916])
 #: Allowed types of a `<spectrum>`.
 _SPECTRA = dict.fromkeys(("d65", "blackbody", "uniform", "srgb", "regular", "irregular"))
@@ -183,9 +183,9 @@ class Plugin:
         return matrix
 
     def inverse_transform(self, name: str) -> Float64:
-        """Return the (4, 4) inverse as in Mitsuba.
+        """Return the (4, 4) inverse of `transform`, as Mitsuba computes it.
 
-        It transposes rotations, even if their axis is no unit vector.
+        Mitsuba inverts a rotation by transposing it, even if its axis is no unit vector.
         """
         child, matrix = self._take(name, ("transform",)), np.eye(4)
         for step in child.children if child is not None else ():
