@@ -3,8 +3,8 @@
 Image positions are in pixels from the upper left corner, x to the right and y down. The centre of the first pixel
 is (0.5, 0.5). Row 0 of an image is at the top.
 
-A camera has a shutter, and keys if it moves. An image is the mean over the time that the shutter is open: each
-accumulated path set has one time [PB 3.3; Haeberli & Akeley 1990].
+A camera has a shutter, and keyframes (`CameraKey`) if it moves. An image is the mean over the time that the shutter
+is open, because each accumulated path set is rendered at another time [PB 3.3; Haeberli & Akeley 1990].
 """
 
 from __future__ import annotations

@@ -134,7 +134,7 @@ IDENTITY.flags.writeable = False
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Named geometry of one material, with one or more instances; TB calls it an object.
+    """Named geometry of one material, with one or more instances; an object in the paper TB.
 
     geometry           : mesh; exact unit "sphere" or "plane", see `Scene.spheres` and `Scene.planes`; or stream,
                          which is already in world space
@@ -147,8 +147,8 @@ class Shape:
     subdivisions       : number of times that a sphere's triangles are split if the sphere has to be tessellated
     kind               : kind in the file: quad, box, mesh, sphere, plane or stream
     maintenance_factor : factor that `emission` already contains; None if none was given
-    motion             : motion of the instances, or None; `world_from_object` is then the pose when the shutter
-                         opens
+    motion             : motion of the instances; `world_from_object` is then their pose when the shutter opens.
+                         None: they do not move
     """
 
     name: str
@@ -422,7 +422,7 @@ def _box(points: Float64) -> tuple[Float64, Float64]:
 
 
 def perpendicular(axis: Float64) -> Float64:
-    """Return a (3,) unit vector perpendicular to a unit axis, always the same one for an axis."""
+    """Return a (3,) unit vector perpendicular to a unit axis. The same axis always gives the same vector."""
     across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     return np.asarray(across / np.linalg.norm(across))
 
@@ -447,7 +447,7 @@ def sphere_areas(spheres: Float64) -> Float64:
 
 
 def _or_zeros(values: Float64 | None, *shape: int) -> Float64:
-    """Return `values`, or zeros that take no memory if `values` is None."""
+    """Return `values`; if it is None, zeros of the given shape, as a broadcast that takes no memory."""
     return np.broadcast_to(0.0, shape) if values is None else values
 
 

@@ -1,7 +1,7 @@
 """Reflectance of a thin film over a surface: interference of light from its two sides, in linear Rec. 709.
 
-`film_reflects` in shaders/bsdf/iridescence.glsl is the same for the device. This version is for solvers, which
-treat all surfaces as diffuse.
+`film_reflects` in shaders/bsdf/iridescence.glsl is the GPU version. This version is for solvers, which treat all
+surfaces as diffuse.
 
 Source: Belcour & Barla 2017, A practical extension to microfacet theory for the modeling of varying iridescence;
 with Schlick's Fresnel on both sides and two orders of interference, as in Khronos' sample renderer

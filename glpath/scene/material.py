@@ -65,14 +65,14 @@ SLOTS = (
 
 @dataclass(frozen=True)
 class Texture:
-    """Image that colours surfaces, repeated endlessly. A checker is an unfiltered image of 2 x 2 texels.
+    """Image that colours surfaces, by default repeated endlessly. A checker is an unfiltered image of 2 x 2 texels.
 
-    image  : (h, w, 3) or, with alpha, (h, w, 4), row 0 at the top, where v = 1. float32, linear Rec. 709, or uint8,
-             with 255 for one
+    image  : (h, w, 3) or, with alpha, (h, w, 4), row 0 at the top, where v = 1. float32, linear Rec. 709; or uint8,
+             where 255 stands for 1
     scale  : repeats per unit of u and of v
     filter : "linear" or "nearest"
-    srgb   : True if uint8 colours are sRGB; False if they are linear, as data that are not colours. Alpha is linear
-    wrap   : mode beyond 0 and 1, for u and for v
+    srgb   : True if uint8 colours are sRGB; False if they are linear, like data other than colours. Alpha is linear
+    wrap   : what u and what v below 0 and above 1 show: repetitions, the edge, or mirrored repetitions
     """
 
     name: str
@@ -261,29 +261,29 @@ class Material:
 
     @property
     def has_lobes(self) -> bool:
-        """True if it has a mirror or microfacets, not just Lambertian or Phong reflection."""
+        """True if the material has a mirror or microfacets, not just Lambertian or Phong reflection."""
         return self.roughness is not None or bool(np.any(self.mirror > 0))
 
     @property
     def is_matte(self) -> bool:
-        """True if it has only microfacets so rough that they look nearly the same from all directions."""
+        """True if the material looks nearly the same from all directions: its only lobes are rough microfacets."""
         smooth = self.roughness is None or self.roughness < _MATTE or self.surface_texture is not None
         more = (self.metallic, self.transmission, self.clearcoat, self.iridescence, self.diffuse_transmission)
         return not smooth and not any(more) and not np.any(self.sheen > 0) and not np.any(self.mirror > 0)
 
     @property
     def lets_light_through(self) -> bool:
-        """True if rays may pass it, because of its opacity or through a culled back."""
+        """True if rays may pass the material, because of its opacity or through a culled back."""
         return self.alpha != "opaque" or self.culled
 
     @property
     def needs_uv(self) -> bool:
-        """True if its shapes need texture coordinates, for textures or for the direction of the tangent."""
+        """True if shapes of the material need texture coordinates, for textures or for the tangent's direction."""
         return bool(self.slots) or (self.roughness is not None and self.anisotropy > 0)
 
     @property
     def is_smooth(self) -> bool:
-        """True if its microfacets form a mirror, or glass that one can see through."""
+        """True if the material's microfacets form a mirror, or glass that one can see through."""
         return self.roughness is not None and self.roughness**2 < SMOOTH and self.anisotropy == 0
 
     @property
@@ -319,7 +319,7 @@ class Material:
 
     @property
     def dielectric(self) -> tuple[Float64, float]:
-        """Reflectance of its dielectric at normal incidence, (3,) float64, and at grazing incidence.
+        """Reflectance of the material's dielectric at normal incidence, (3,) float64, and at grazing incidence.
 
         Fresnel's equations give the first from the index. glTF's KHR_materials_specular adds a colour and a weight.
         """
@@ -376,9 +376,9 @@ class Material:
         return np.asarray(np.minimum(all_, _MAX_REFLECTED))
 
     def hemispherical_transmittance(self, base: Float64, clear: float = 0.0) -> Float64:
-        """Return the (3,) float64 fraction of uniform illumination that its diffuse base sends to the other side.
+        """Return the (3,) float64 fraction of uniform illumination that the diffuse base sends to the other side.
 
-        The sum with `hemispherical_reflectance` is at most 0.97; parameters are the same.
+        Its sum with `hemispherical_reflectance` is at most 0.97. Both have the same parameters.
         """
         if self.roughness is None or self.diffuse_transmission == 0:
             return np.zeros(3)
@@ -458,7 +458,7 @@ class Material:
         return np.asarray((1.0 - self.iridescence) * plain + self.iridescence * seen)
 
     def described(self) -> str:
-        """Return a short description of its properties other than diffuse; "" if it has none."""
+        """Return a short description of the material's properties other than diffuse; "" if there are none."""
         words = ["texture"] * (self.texture is not None) + ["highlight"] * bool(np.any(self.specular > 0))
         words += ["mirror"] * bool(np.any(self.mirror > 0))
         if self.roughness is not None:

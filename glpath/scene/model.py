@@ -69,7 +69,7 @@ class Light:
                 photometric scene, 1 / `glpath.film.units.EFFICACY` in a radiometric one
     position  : (3,) float64; without meaning for a directional light
     direction : (3,) float64 unit, direction of light travel. For a point light with a profile, direction of gamma =
-                0; without meaning for one without a profile
+                0; without meaning for a point light without a profile
     cone      : half angles in degrees of full light and of the edge; light fades between them by `spot_fade`
     falloff   : "quadratic" (physical) or "none", as in ray tracers of the 1980s
     profile   : distribution of a point light over directions; None: uniform

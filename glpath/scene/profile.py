@@ -70,7 +70,7 @@ class LightProfile:
     def intensity(self, directions: Float64, axis: Float64, c0: Float64) -> Float64:
         """Return (N,) float64 intensities in cd, in unit directions (N, 3) from the light.
 
-        `lights/profile.glsl` is the same for the GPU.
+        `lights/profile.glsl` is the GPU version.
 
         axis, c0 : (3,) unit, perpendicular: direction of gamma = 0, and direction of C = 0, gamma = 90
         """

@@ -174,11 +174,11 @@ def _sees_some(camera: Camera, triangles: Float64) -> bool:
     points = triangles - camera.position
     z = points @ forward
     x, y = points @ right - across * z, points @ up - above * z
-    # (T, 3 corners, 4 sides), above 0 inside; together these imply z >= 0
+    # (T, 3 corners, 4 sides), positive if a corner is inside a side; a corner inside all four has z >= 0
     inside = np.stack([tan_right * z - x, tan_right * z + x, tan_up * z - y, tan_up * z + y], axis=2)
     if (inside > 0).all(axis=2).any():
         return True
-    near = ~np.any((inside < 0).all(axis=1), axis=1)  # the others are entirely outside one side
+    near = ~np.any((inside < 0).all(axis=1), axis=1)  # all other triangles are outside one side
     if not near.any():
         return False
     start = inside[near]

@@ -177,7 +177,7 @@ class Environment:
     def radiance(self, directions: ArrayLike) -> Float64:
         """Return the (..., 3) radiance in unit directions (..., 3), W sr^-1 m^-2.
 
-        `lights/sky.glsl` is the same for the GPU.
+        `lights/sky.glsl` is the GPU version.
         """
         wi = np.asarray(directions, np.float64)
         x, y, z = np.moveaxis(wi.reshape(-1, 3) @ self.frame.T, 1, 0)

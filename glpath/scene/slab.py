@@ -18,7 +18,7 @@ GLAZING_IOR = 1.52
 
 
 def slab(cosine: ArrayLike, ior: float, inside: ArrayLike) -> tuple[Float64, Float64]:
-    """Return the reflectance and transmittance of a sheet. `shaders/bsdf/slab.glsl` is the same for the GPU.
+    """Return the reflectance and transmittance of a sheet. `shaders/bsdf/slab.glsl` is the GPU version.
 
     Shapes are broadcast.
 

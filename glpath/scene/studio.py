@@ -19,11 +19,11 @@ from glpath.scene.sky import Environment
 Float64 = NDArray[np.float64]
 
 _HEIGHT, _WIDTH = 64, 128
-# Radiance of the room straight down, relative to the lights.
+# Radiance of the room straight down, in the unit of `_Softbox.radiance`.
 _FLOOR = 0.55
-# Radiance of the room at the horizon, relative to the lights.
+# Radiance of the room at the horizon, in the same unit.
 _HORIZON = 0.24
-# Radiance of the room straight up, relative to the lights.
+# Radiance of the room straight up, in the same unit.
 _ZENITH = 0.4
 # Distance of the ground below a model, in diagonals of the model.
 _BELOW = 1e-4
@@ -36,6 +36,7 @@ class _Softbox(NamedTuple):
 
     azimuth, elevation : centre in degrees; azimuth 0 is +z, where the front of a model faces, and 90 is +x
     wide, high : size in degrees
+    radiance   : radiance before the map is scaled so that a white, level ground has radiance 1
     """
 
     azimuth: float

@@ -146,7 +146,7 @@ def _sphere_uv(corners: Float64) -> Float64:
 
 def _icosahedron_faces(vertices: Float64) -> Int32:
     """Return the 20 triples of mutually nearest vertices, facing outward; vertices are (12, 3), unit length."""
-    near = vertices @ vertices.T > 0.4  # neighbours are 63.4 degrees apart: cosine 0.447; the next ones -0.447
+    near = vertices @ vertices.T > 0.4  # cosine 0.447 for adjacent vertices, -0.447 for the next nearest
     triples = [
         (i, j, k)
         for i in range(12)

@@ -55,7 +55,7 @@ def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True)
 def _moving(shape: Shape, opened: float, textured: bool, location: SourceLocation) -> Shape:
     """Return the result of `_tessellated` for a shape that may move, with the same motion.
 
-    opened : time when the shutter opens
+    opened : time in seconds when the shutter opens
     """
     if shape.motion is None:
         return _tessellated(shape, textured, location)

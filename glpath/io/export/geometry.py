@@ -34,7 +34,7 @@ class Notes:
 
 
 def listed(names: list[str]) -> str:
-    """Return the first names in quotation marks."""
+    """Return a text with the first three names, in quotation marks and separated by commas."""
     return ", ".join(f'"{name}"' for name in names[:3]) + (", ..." if len(names) > 3 else "")
 
 
@@ -110,7 +110,7 @@ def map_downwards(uv_transform: Float64, scale: tuple[float, float]) -> Float64:
 
 
 def _square(scene: Scene, plane: Shape) -> Shape:
-    """Return squares instead of infinite planes, each centred on its point nearest to the scene centre."""
+    """Return squares instead of infinite planes, each centred on the plane's point nearest to the scene centre."""
     low, high = scene.bounds
     low, high = np.minimum(low, scene.camera.position), np.maximum(high, scene.camera.position)
     half = _HORIZON * float(np.linalg.norm(high - low))

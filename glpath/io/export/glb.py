@@ -1,6 +1,6 @@
 """Builder of a binary glTF 2.0 file: arrays and images in one buffer, a root node with y up, a camera.
 
-Exported scenes and baked scenes share it.
+Exported scenes and baked scenes are written with this builder.
 """
 
 from __future__ import annotations

@@ -133,7 +133,8 @@ class Surfaces:
                 self._note(material, "Phong's highlight beside a mirror is left out")
         elif np.any(highlight > 0):
             self._note(material, "Phong's highlight is microfacets (GGX) of about the same width and albedo")
-            # Equal width: exponent = 2 / alpha^2 - 2 [Walter et al. 2007], and roughness is the root of alpha.
+            # Equal width: exponent = 2 / alpha^2 - 2 [Walter et al. 2007], and roughness is the square root of
+            # alpha.
             reflected, roughness = np.minimum(highlight, 1.0), (2.0 / (material.exponent + 2.0)) ** 0.25
         # The reflectance is F0 * colour * weight at normal incidence and `weight` at grazing incidence. glTF scales
         # the base by 1 - weight, so the base is divided by that.

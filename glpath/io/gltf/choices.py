@@ -65,7 +65,7 @@ def chosen_variant(document: Document, wanted: str | None) -> int | None:
 
 
 def material_of(primitive: Table, variant: int | None, document: Document) -> int | None:
-    """Return the material index of a primitive: its own unless the variant has another."""
+    """Return the material index of a primitive: the variant's if it has one, otherwise the primitive's own."""
     materials = document.all("materials")
     mapped = primitive.extension(_VARIANTS) if variant is not None else None
     if mapped is not None:

@@ -1,7 +1,7 @@
 """Decompression of buffers, meshes and textures.
 
-It needs meshopt and DracoPy (`glpath[gltf]`) and opengl_basisu (`glpath[ktx2]`). If a file also holds the data
-uncompressed, those are read, and no package is needed.
+It needs meshopt and DracoPy (`glpath[gltf]`) and opengl_basisu (`glpath[ktx2]`). If a file also holds the
+uncompressed data, they are read instead, and no package is needed.
 
 Source: EXT_meshopt_compression, KHR_draco_mesh_compression, KHR_texture_basisu.
 """

@@ -104,7 +104,7 @@ def light_of(
 def _profiled(node: Table, extension: Table, world: Float64, factor: float, webs: profiles.Profiles) -> Light:
     direction = _along(node, world, 2)
     x = -_along(node, world, 0)
-    c0 = x - (x @ direction) * direction  # perpendicular even if the node is sheared
+    c0 = x - (x @ direction) * direction  # perpendicular to `direction` even if the node is sheared
     if not np.linalg.norm(c0) > 0:
         raise node.location.error("is scaled to a plane, but a profile needs two directions.", "Check its scale.")
     number = node.location.path.rpartition("[")[2].rstrip("]")

@@ -111,8 +111,8 @@ def read_gltf(
     backs        : backs of materials that are not doubleSided: "absent", as in viewers, or "black", so that walls
                    block light from both sides
 
-    Raises SceneError for a file that is missing, broken, hostile or needs something unknown. Raises UsageError for
-    a camera, an animation or a variant that it does not have, and for numbers that are not finite.
+    Raises SceneError for a file that is missing, broken or hostile, or requires an unknown extension. Raises
+    UsageError for a camera, an animation or a variant that it does not have, and for numbers that are not finite.
     """
     path = Path(path)
     if not (np.isfinite(light_factor) and light_factor >= 0):

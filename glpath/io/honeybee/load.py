@@ -71,7 +71,8 @@ def read_honeybee(
 ) -> Scene:
     """Read the scene of an HBJSON file; see `glpath.io.honeybee`.
 
-    Raises SceneError with the name of the object. Warns if a sky or a view is set because the file has none.
+    Raises SceneError with the name of the object that is wrong. Warns if a sky or a view is set because the file
+    has none.
     """
     model = read_model_file(path)
     location = SourceLocation(str(path))

@@ -67,7 +67,7 @@ def camera_of(plugin: Plugin) -> tuple[Camera, Clips]:
             "shears the picture.", "Give a lookat, or rotations and a translation."
         )
     for name in ("shutter_open", "shutter_close"):
-        plugin.number(name, 0.0, 0.0)  # unused, because nothing moves
+        plugin.number(name, 0.0, 0.0)  # has no effect, because nothing moves
     clips = Clips(*(plugin.number(f"{side}_clip", default, 0.0) for side, default in Clips()._asdict().items()))
     position, forward = world[:3, 3], axes[:, 2]
     camera = Camera(position, position + forward, axes[:, 1], 40.0, (width, height))

@@ -298,7 +298,7 @@ class _Reader:
         except expat.ExpatError as error:
             location = SourceLocation(str(path), f"line {error.lineno}, column {error.offset + 1}")
             raise location.error(f"is not XML: {expat.errors.messages[error.code]}.") from error
-        except (LookupError, ValueError) as error:  # raised for the declared encoding
+        except (LookupError, ValueError) as error:  # raised for an unknown declared encoding
             location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}")
             raise location.error(f"has an encoding that is not read: {error}.", "Write it as UTF-8.") from error
         return roots[0]

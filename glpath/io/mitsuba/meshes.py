@@ -101,7 +101,7 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> tuple[Mesh
 
 
 def _alike(meshes: list[Mesh]) -> list[Mesh]:
-    """Return the meshes, all with texture coordinates if any mesh has some: NaN for missing ones."""
+    """Return the meshes. If any has texture coordinates, meshes without them get NaN as texture coordinates."""
     if all(mesh.uv is None for mesh in meshes):
         return meshes
     return [

@@ -4,7 +4,8 @@ Fresnel:  metals and dielectrics use Fresnel's equations, as in Mitsuba. The bas
           Mitsuba's (`Material.layering`).
 Sides:    black from behind, as in Mitsuba, unless "twosided".
 Rough:    GGX or Beckmann microfacets with Mitsuba's alpha. Light that microfacets scatter twice is lost, as in
-Mitsuba. Poor at:  BSDFs without a counterpart, which are refused by name.
+          Mitsuba.
+Poor at:  BSDFs without a counterpart, which are refused by name.
 """
 
 from __future__ import annotations
@@ -210,7 +211,7 @@ class Surfaces:
         return fields | {"surface_texture": self.textures.slot(first.with_image(first.name, image))}
 
     def _ratio(self, plugin: Plugin, inside: str) -> float:
-        """Return the index inside over the index outside. Raises SceneError for an unknown medium."""
+        """Return the refractive index inside divided by that outside. Raises SceneError for an unknown medium."""
         indices = []
         for name, default in (("int_ior", inside), ("ext_ior", "air")):
             if plugin.kind_of(name) == "string":
@@ -341,7 +342,7 @@ class Surfaces:
         else:
             fields |= {"roughness": rough, "metallic": metal}
         fields["anisotropy"] = anisotropic = plugin.fraction("anisotropic", 0.0)
-        if isinstance(rough, float) and metal == 1.0:  # pure metal equals glTF's
+        if isinstance(rough, float) and metal == 1.0:  # pure metal is as in glTF
             fields["layering"], aspect = "gltf", np.sqrt(1.0 - 0.9 * anisotropic)
             if anisotropic > 0:
                 fields |= _stretched(max(SMOOTH, rough**2 / aspect), max(SMOOTH, rough**2 * aspect))

@@ -65,7 +65,7 @@ class Look:
         return np.asarray(luminance(self.linear.astype(np.float64)))
 
     def looked_up_as(self, other: Look) -> bool:
-        """Return True if both can be channels of one image."""
+        """Return True if both images have the same size and lookup, so that they can be channels of one image."""
         return (
             self.image.shape[:2] == other.image.shape[:2]
             and (self.filter, self.wrap) == (other.filter, other.wrap)
@@ -240,8 +240,8 @@ def _interpolated(image: Float64, axis: int, wrap: Wrap) -> Float64:
 def bent(look: Look, scale: float, uv_lengths: tuple[float, float]) -> Look:
     """Return the normal map of an image of heights.
 
-    scale      : scene units of a height of one
-    uv_lengths : scene units of one u and one v
+    scale      : height in scene units for which the image value 1 stands
+    uv_lengths : scene units per unit of u and of v
     """
     heights = scale * look.grey
     rows, columns = heights.shape
