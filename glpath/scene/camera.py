@@ -73,7 +73,7 @@ class Camera:
                            before the first and after the last. () if the camera does not move
     principal_point      : point of the image on the view axis, in image widths and heights from the upper left
                            corner. (0.5, 0.5) is the centre; a shifted lens has other values. Not for a panorama
-    pixel_aspect         : width of a pixel over its height. Not for a panorama
+    pixel_aspect         : width of a pixel divided by its height. Not for a panorama
     """
 
     position: Float64

@@ -41,8 +41,8 @@ _HEIGHTS = 32
 def directional_albedo(eta: float) -> Float64:
     """Return (CELLS + 1, CELLS + 1) float64 albedo in [0, 1] for roughness i / CELLS and cosine (j / CELLS)².
 
-    eta : index of the far side over that of the near side, for glass. 0 for white metal. Also 0 for thin glass,
-          which sends to both sides together what metal sends to one side
+    eta : refractive index of the far side divided by that of the near side, for glass. 0 for white metal. Also 0
+          for thin glass, which sends to both sides together what metal sends to one side
     """
     steps = np.arange(CELLS + 1) / CELLS
     cosine = np.maximum(steps**2, 1e-4)
@@ -154,7 +154,7 @@ def _beckmann_normals(cosine: Float64, alpha: float) -> tuple[Float64, Float64, 
 
 @lru_cache(maxsize=64)
 def boundary_reflectance(ior: float, has_two_faces: bool) -> tuple[float, float]:
-    """Return the reflectance of a smooth boundary at normal incidence, and that for uniform illumination.
+    """Return the reflectance of a smooth boundary at normal incidence and for uniform illumination.
 
     has_two_faces : True for a thin sheet, with the reflections between its two faces
     """

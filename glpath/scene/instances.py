@@ -81,8 +81,8 @@ class InstancedScene:
 def instanced(scene: Scene) -> InstancedScene | None:
     """Return the scene with its instances separated, or None if that saves too little.
 
-    A mesh is expanded to triangles if it is small, has a single instance, has a flattening map, or emits, because
-    light samples are drawn from triangles. If shapes move, all meshes are expanded.
+    A mesh is expanded to triangles if it is small, has a single instance, has a flattening map, or emits. Emitting
+    meshes are expanded because light samples are drawn from triangles. If shapes move, all meshes are expanded.
     """
     if scene.moving_shapes:
         return None

@@ -1,4 +1,4 @@
-"""Reflectance of a thin film over a surface: interference of light from its two sides, in linear Rec. 709.
+"""Reflectance of a surface with a thin film on it: interference of light from its two sides, in linear Rec. 709.
 
 `film_reflects` in shaders/bsdf/iridescence.glsl is the GPU version. This version is for solvers, which treat all
 surfaces as diffuse.

@@ -72,7 +72,7 @@ class Light:
                 0; without meaning for a point light without a profile
     cone      : half angles in degrees of full light and of the edge; light fades between them by `spot_fade`
     falloff   : "quadratic" (physical) or "none", as in ray tracers of the 1980s
-    profile   : distribution of a point light over directions; None: uniform
+    profile   : intensity of a point light in each direction; None: the same in all directions
     c0        : (3,) float64 unit, perpendicular to `direction`: direction of C = 0 and gamma = 90 degrees of the
                 profile
     maintenance_factor : factor that `intensity` already contains; None if none was given

@@ -272,7 +272,7 @@ def _shapes_about(scene: Scene, point: Float64, margin: float = 0.0) -> NDArray[
 
 
 def winding_number(triangles: Float64, point: Float64) -> float:
-    """Return the winding number of triangles (T, 3, 3) around a point: their solid angle over 4 pi.
+    """Return the winding number of triangles (T, 3, 3) around a point: their solid angle divided by 4 pi.
 
     A. van Oosterom, J. Strackee, "The solid angle of a plane triangle", 1983.
     """

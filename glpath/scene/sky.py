@@ -24,8 +24,8 @@ from glpath.scene.sun import Sun
 
 Float64 = NDArray[np.float64]
 
-# Maximum ratio of a sky's maximum radiance to its `typical_radiance`, so that an image's sums can hold both: they
-# hold nearly 2**24 times the typical radiance (`glpath.gl.sums`).
+# Maximum ratio of a sky's maximum radiance to its `typical_radiance`. The sums of an image can hold it, because
+# they hold nearly 2**24 times the typical radiance (`glpath.gl.sums`).
 _SUMS_HOLD = 2.0**20
 # Maximum radiance, as in scene files. Its square fits into a 32-bit float.
 _LARGEST = 1e15

@@ -88,7 +88,7 @@ class Surfaces:
         return {"type": "ref", "id": self._known[key]}
 
     def medium(self, number: int) -> Plugin | None:
-        """Return the absorbing medium inside a solid, or None; only volpath renders it."""
+        """Return the absorbing medium inside a solid; None if there is none. Only volpath renders a medium."""
         material = self.scene.materials[number]
         if material.thin or not np.any(material.attenuation > 0) or material.transmission == 0:
             return None

@@ -30,7 +30,7 @@ class ModelCamera:
 
     position, target, up : (3,) float64, scene units; the target is 1 unit from the position
     fov                  : vertical field of view of a perspective camera, degrees
-    aspect               : width over height of the intended image; None if the file gives no aspect ratio
+    aspect               : width divided by height of the intended image; None if the file gives no aspect ratio
     projection, height, motion : fields of `glpath.scene.Camera`
     """
 

@@ -99,7 +99,7 @@ class Surfaces:
         return "" if plugin is None else str(self._fields(plugin).get("vertex_colours", ""))
 
     def back(self, plugin: Plugin | None) -> Plugin | None:
-        """Return the surface of the back; None if it equals that of the front."""
+        """Return the surface of the back; None if back and front have the same surface."""
         return None if plugin is None else self._fields(plugin).get("back")
 
     def is_turned(self, plugin: Plugin | None) -> bool:
