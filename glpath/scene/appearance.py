@@ -27,11 +27,12 @@ Int64 = NDArray[np.int64]
 
 #: Barycentric coordinates b1, b2 of the corners of a whole triangle.
 WHOLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-# Allowed numbers of parts along a triangle's edge for its mean. Within these bounds, a part is about a texel large.
+# Allowed numbers of parts along a triangle's edge, for the mean over a triangle. The number is chosen so that a
+# part is about a texel large.
 _PARTS = (4, 8, 16, 32, 64)
-# Maximum number of points for the means of all triangles. It is exceeded only if all triangles have the fewest
-# parts. In `parlour`, 256 points per triangle instead of 4096 change the mean of a triangle by 0.6 %, and the mean
-# of the room by 0.05 %. That is far less than the noise of a solution's particles.
+# Maximum total number of sample points for the means of all triangles. It is exceeded only if all triangles already
+# have the fewest parts. In `parlour`, 256 points per triangle instead of 4096 change the mean of a triangle by 0.6
+# %, and the mean of the room by 0.05 %. That is far less than the noise of a radiosity solution's particles.
 _ALL_POINTS = 1 << 21
 _TOGETHER = 1 << 16  # points looked up at once, so that their arrays fit into a cache
 
@@ -98,24 +99,25 @@ class Appearance:
     # Values at points.
 
     def opacity(self, triangle: Int64, b: Float64) -> Float64:
-        """Return the (N,) float64 opacity in [0, 1], the fraction of light that hits the surface.
+        """Return the (N,) float64 opacity in [0, 1], the fraction of light that does not pass straight through.
 
-        It is 0 or 1 for a mask.
+        It is 0 or 1 for a material whose `alpha` is "mask".
         """
         return self._by_shape(triangle, b, self._opacity, 1, lambda shape, material: 1.0)[:, 0]
 
     def reflectance(self, triangle: Int64, b: Float64) -> Float64:
-        """Return the (N, 3) float64 reflectance of the front times the opacity; passing light is not reflected."""
+        """Return the (N, 3) float64 reflectance of the front, times the fraction of light that hits the surface."""
         return self._by_shape(triangle, b, self._reflectance, 3, lambda shape, material: material.reflectance)
 
     def emission(self, triangle: Int64, b: Float64) -> Float64:
-        """Return the (N, 3) float64 radiance in W sr^-1 m^-2, times the opacity."""
+        """Return the (N, 3) float64 emitted radiance in W sr^-1 m^-2, times the opacity."""
         return self._by_shape(triangle, b, self._emission, 3, lambda shape, material: shape.emission)
 
     def sphere_emission(self, shape: int, unit: Float64) -> Float64:
-        """Return the (N, 3) float64 radiance, times the opacity, of a shape of spheres.
+        """Return the (N, 3) float64 emitted radiance, times the opacity, of a shape that consists of spheres.
 
-        unit : (N, 3) points of the unit sphere
+        shape : index of the shape
+        unit  : (N, 3) points of the unit sphere
         """
         of, material = self.scene.shapes[shape], self._materials[shape]
         longitude = np.arctan2(unit[:, 1], unit[:, 0]) / (2 * np.pi) % 1.0
@@ -131,7 +133,7 @@ class Appearance:
         return np.asarray(light * opacity_of(material, at(material.texture)[:, 3:]))
 
     def mean_sphere_emission(self, shape: int) -> Float64:
-        """Return the (3,) float64 mean radiance of a shape of spheres over the unit sphere."""
+        """Return the (3,) float64 emitted radiance of a shape of spheres, averaged over the unit sphere."""
         return np.asarray(self.sphere_emission(shape, _sphere_points(4096)).mean(axis=0))
 
     # Means over parts of triangles.
@@ -167,8 +169,8 @@ class Appearance:
             opacity = self.mean_opacity()
             for number in np.unique(shape[painted]):
                 own = painted[shape[painted] == number]
-                # The base is divided by the opacity while layers are added, because holes reflect nothing, not even
-                # by layers.
+                # `front` contains the opacity. It is divided out before layers are added, and multiplied in again
+                # afterwards, because holes have no layers either.
                 there = opacity[own, None]
                 base = front[own] / np.where(there > 0, there, 1.0)
                 mean = averaged(materials[number], self.scene.textures)
@@ -180,7 +182,7 @@ class Appearance:
         """Return the (2, T, 3) float64 diffuse transmittance for light on triangles' fronts and on their backs.
 
         This is the fraction that a diffuse base sends to the other side. It is the same for both sides, but 0 for a
-        front whose back is culled. A textured surface has its mean, times the triangle's opacity.
+        front whose back is culled. Textures contribute their mean, times the triangle's mean opacity.
         """
         of_shapes = np.zeros((len(self._materials), 3))
         for number, (material, clear) in enumerate(zip(self._materials, self.clear_shares(), strict=True)):
@@ -211,7 +213,10 @@ class Appearance:
         return share
 
     def mean_clear(self) -> Float64:
-        """Return the (T, 3) float64 transmittance of glass for light that its surface does not reflect."""
+        """Return the (T, 3) float64 mean transmittance of triangles for light that their surface does not reflect.
+
+        It is the transmittance of the glass, times the fraction of the base that is glass.
+        """
         of = self.clear_shares()[self.scene.triangle_shape]
         found = np.zeros((len(of), 3))
         glass = np.flatnonzero(of)
@@ -332,7 +337,7 @@ class Appearance:
         return found
 
     def _parts_of(self, triangle: Int64, corners: Float64) -> Int64:
-        """Return (P,) numbers of parts along edges, larger for triangles that cover more texels."""
+        """Return the (P,) number of parts along an edge for each triangle; more texels need more parts."""
         texels = np.zeros(len(triangle))
         shape_of = self.scene.triangle_shape[triangle]
         for number in np.unique(shape_of):
@@ -373,7 +378,7 @@ class Appearance:
 def _not_black(texture: Texture, uv: Float64) -> NDArray[np.bool_]:
     """Return (P,) bool: True if triangles (P, 3, 2) of texture coordinates may show a colour other than black.
 
-    True for triangles that reach beyond the image, into its repetitions.
+    Triangles that reach beyond the image, into its repetitions, always count as coloured.
     """
     height, width = texture.image.shape[:2]
     coloured = texture.image[..., 0] != 0
@@ -385,7 +390,7 @@ def _not_black(texture: Texture, uv: Float64) -> NDArray[np.bool_]:
     x = uv[..., 0] * texture.scale[0] * width
     # Row 0 is the top, where v = 1.
     y = (1.0 - uv[..., 1] * texture.scale[1]) * height
-    # Filtered texels extend half a texel further; the rest is a margin for rounding.
+    # Bilinear filtering reaches half a texel beyond the triangle; the rest of the margin is for rounding errors.
     left, right = np.floor(x.min(axis=1)) - 1, np.floor(x.max(axis=1)) + 2
     top, bottom = np.floor(y.min(axis=1)) - 1, np.floor(y.max(axis=1)) + 2
     inside = (left >= 0) & (top >= 0) & (right <= width) & (bottom <= height)

@@ -17,8 +17,8 @@ class Background:
     radiance    : (3,) float64, linear Rec. 709; zeros for a transparent background
     transparent : True if images have an alpha channel instead of a background
     ground      : (3,) float64, a point of the ground, or None for no ground. Only the camera sees the ground. Its
-                  radiance is that of the background, times the ratio of the sky's light with the shapes' shadows to
-                  that without
+                  radiance is that of the background, times the ratio of sky light with the shapes' shadows to sky
+                  light without them
     up          : (3,) float64 unit, the normal of the ground
     """
 

@@ -3,8 +3,8 @@
 Image positions are in pixels from the upper left corner, x to the right and y down. The centre of the first pixel
 is (0.5, 0.5). Row 0 of an image is at the top.
 
-A camera has a shutter, and keys if it moves. An image is the mean over the time that the shutter is open: each
-accumulated path set has one time [PB 3.3; Haeberli & Akeley 1990].
+A camera has a shutter, and keyframes (`CameraKey`) if it moves. An image is the mean over the time that the shutter
+is open, because each accumulated path set is rendered at another time [PB 3.3; Haeberli & Akeley 1990].
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from glpath.scene.choices import Projection
 from glpath.scene.geometry import Float64
 from glpath.system.pyrr_matrices import matrix33
 
-# Azimuths of the view of `framing` from the front to the right, degrees: for a box as wide as deep, and for a thin
-# box.
+# Azimuths of the eye in `framing`, degrees from the front towards the right: for a box as wide as deep, and for a
+# box much deeper than wide.
 _AZIMUTH = (20.0, 75.0)
-# Elevations of the view of `framing`, degrees: for a box as high as wide, and for a flat box.
+# Elevations of the eye in `framing`, degrees: for a box as high as wide, and for a flat box.
 _ELEVATION = (18.0, 40.0)
 # Ratio of width to depth below which the azimuth increases.
 _DEEP = 0.8
@@ -32,7 +32,7 @@ _FLAT = 0.3
 _FOV = 30.0
 # Size of the image relative to the extent of the visible points in it.
 _MARGIN = 1.15
-# Minimum distance of the eye, in diagonals of the box around these points.
+# Minimum distance of the eye from the nearest of these points, in diagonals of the box around them.
 _CLOSEST = 0.1
 
 
@@ -73,7 +73,7 @@ class Camera:
                            before the first and after the last. () if the camera does not move
     principal_point      : point of the image on the view axis, in image widths and heights from the upper left
                            corner. (0.5, 0.5) is the centre; a shifted lens has other values. Not for a panorama
-    pixel_aspect         : width of a pixel over its height. Not for a panorama
+    pixel_aspect         : width of a pixel divided by its height. Not for a panorama
     """
 
     position: Float64
@@ -156,7 +156,7 @@ class Camera:
 
     @property
     def focal(self) -> float:
-        """Focal length in pixels: image height of one scene unit at distance 1, or anywhere for parallel rays."""
+        """Focal length: height in pixels of one scene unit at distance 1, or at any distance for parallel rays."""
         if self.projection == "orthographic":
             return float(self.resolution[1] / self.height)
         return float(self.resolution[1] / (2.0 * np.tan(np.radians(self.fov) / 2.0)))
@@ -218,7 +218,10 @@ class Camera:
         return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True))
 
     def origins(self, at: ArrayLike | None = None) -> Float64:
-        """Return (..., 3) float64 origins of `rays`: the position, or points of its plane for parallel rays."""
+        """Return (..., 3) float64 origins of `rays`.
+
+        They are the camera's position, or points of the plane through it for parallel rays.
+        """
         x, y = self._from_middle(at)
         if self.projection != "orthographic":
             return np.broadcast_to(np.asarray(self.position, np.float64), (*x.shape, 3)).copy()
@@ -228,8 +231,8 @@ class Camera:
     def project(self, points: ArrayLike) -> tuple[Float64, Float64]:
         """Return image positions (..., 2) and depths (...) along the view of points (..., 3).
 
-        A position has no meaning if its depth is 0 or below, because the point is behind the eye. A panorama has
-        nothing behind it, and its depth is the distance.
+        An image position has no meaning if its depth is 0 or below, because the point is behind the eye. For a
+        panorama no point is behind the eye, and the depth is the distance.
         """
         right, up, forward = self.frame()
         seen = np.asarray(points, np.float64) - self.position
@@ -247,7 +250,7 @@ class Camera:
         return np.stack([middle_x + x, middle_y - y], axis=-1), depth
 
     def corner_rays(self) -> Float64:
-        """Return (4, 3) float64 directions through the corners of a perspective image, around it; not unit."""
+        """Return (4, 3) float64 directions, not unit, through the corners of a perspective image, in ring order."""
         (right, up, forward), (wide, high), (across, above) = self.frame(), self.extent, self.offset
         corners = ((-1, -1), (1, -1), (1, 1), (-1, 1))
         return np.array([forward + (across + a * wide) * right + (above + b * high) * up for a, b in corners])
@@ -302,7 +305,7 @@ def framed(camera: Camera, points: Float64) -> Camera:
         return replace(camera, position=middle - away * forward, target=middle, height=height, motion=())
     ahead = local @ forward
     nearest, position = float(ahead.min()), np.zeros(3)
-    back = np.inf  # largest position of the eye along the view with all points inside the image
+    back = np.inf  # farthest forward position of the eye along the view that has all points in the image
     for axis, half in ((right, wide / _MARGIN), (up, high / _MARGIN)):
         beside = local @ axis
         one, other = float((beside - half * ahead).max()), float((-beside - half * ahead).max())

@@ -17,9 +17,9 @@ from glpath.scene.geometry import Float64
 Convention = Literal["opengl", "opencv"]
 CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
 
-# Tolerance of a rotation matrix for rounding errors.
+# Maximum difference of R R^T from the identity that counts as a rounding error of a rotation R.
 _RIGID = 1e-4
-# Tolerance of a skew for rounding errors, as a fraction of the focal length.
+# Maximum skew that counts as a rounding error, as a fraction of the focal length.
 _SKEW = 1e-9
 
 
@@ -97,7 +97,7 @@ def _numbers(name: str, given: Any) -> Float64:
 
 
 def _pose(found: Float64, name: str) -> Float64:
-    """Return the pose as (3, 4), a rotation and a translation. Raises UsageError if it is not one."""
+    """Return the pose as (3, 4), a rotation and a translation. Raises UsageError for any other matrix."""
     if found.shape not in ((4, 4), (3, 4)):
         raise UsageError(f"{name}: of shape {found.shape} where (4, 4) or (3, 4) is needed.")
     turn = found[:3, :3]

@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 
 Float64 = NDArray[np.float64]
 
-#: Maximum distance of the scene's centre from the origin, in diagonals. At that distance 32-bit floats resolve 2e-7
-#: of the diagonal, a tenth of the scan tolerance (`DEPTH_TOLERANCE` in shaders/path_buffer/path_scan.frag).
+#: Maximum distance of a scene's centre from the origin, in diagonals of its box; a scene farther away is moved. At
+#: that distance 32-bit floats resolve 2e-7 of the diagonal, a tenth of the scan tolerance (`DEPTH_TOLERANCE` in
+#: shaders/path_buffer/path_scan.frag).
 FARTHEST = 4.0
 
 
@@ -35,7 +36,7 @@ def origin_of(lower: Float64, upper: Float64) -> Float64:
     """Return the (3,) origin to subtract from a scene with these bounds; zeros if the scene is near the origin."""
     middle, diagonal = 0.5 * (lower + upper), float(np.linalg.norm(upper - lower))
     farthest = float(np.abs(middle).max())
-    # A scene without size is the point of a single plane, which has no meaning.
+    # Bounds without size are the point of a single infinite plane, which may be any of its points.
     if not 0 < diagonal < math.inf or farthest <= FARTHEST * diagonal:
         return np.zeros(3)
     step = 2.0 ** math.floor(math.log2(diagonal))
@@ -118,14 +119,14 @@ def _shifted(maps: Float64, origin: Float64) -> Float64:
 
 
 def _before(maps: Float64, within: Float64) -> Float64:
-    """Return maps (N, 3, 4) for an object whose own coordinates are relative to the point `within` (3,)."""
+    """Return the maps (N, 3, 4) for a mesh from whose vertices the point `within` (3,) was subtracted."""
     found = np.array(maps, np.float64)
     found[:, :, 3] += found[:, :, :3] @ within
     return found
 
 
 def _about(planes: Float64, middle: Float64) -> Float64:
-    """Return planes (N, 3, 4) whose origin u = v = 0 is their point nearest to `middle`; u and v are not used."""
+    """Return planes (N, 3, 4) whose origin u = v = 0 is their point nearest to `middle`, for planes without uv."""
     found = planes.copy()
     normal = found[:, :, 2]
     apart = np.sum((found[:, :, 3] - middle) * normal, axis=1, keepdims=True)
@@ -135,7 +136,7 @@ def _about(planes: Float64, middle: Float64) -> Float64:
 
 @dataclass(frozen=True)
 class _MovedChunk:
-    """Chunks of a stream, relative to a point (3,)."""
+    """Function that returns a chunk of a stream relative to `origin`, a point (3,)."""
 
     chunk: Callable[[int], Float64]
     origin: Float64

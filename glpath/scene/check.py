@@ -1,6 +1,6 @@
 """Checks of a scene whose file can be read: `check_camera` raises errors, `check_scene` returns warnings.
 
-Loading does not warn, because a scene is often loaded to be changed. Rendering and `glpath validate` call these.
+Loading does not warn, because a scene is often loaded to be changed. Rendering and `glpath validate` call both.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from glpath.scene.source_location import SourceLocation, coordinates
 
 MAX_PIXELS = 2**28
 
-# Opacity below which a scene counts as invisible.
+# Opacity up to which a shape counts as invisible.
 _MIN_OPACITY = 0.02
 # Sine of the angle between `up` and the view below which they count as parallel.
 _PARALLEL = 1e-6
@@ -141,7 +141,7 @@ def check_scene(scene: Scene, seen: bool = True) -> list[str]:
 
 
 def _about_time(scene: Scene) -> list[str]:
-    """Return warnings about motion outside the shutter's time, and about panoramas of wrong proportions."""
+    """Return warnings about motion that a closed shutter does not record, and about panoramas that are not 2:1."""
     camera, found = scene.camera, []
     moving = [shape.name for shape in scene.shapes if shape.motion is not None and len(shape.motion.times) > 1]
     moving += ["the camera"] * (len(camera.motion) > 1)
@@ -177,7 +177,8 @@ def _about_camera(scene: Scene, around: NDArray[np.intp]) -> list[str]:
             f"It stands at {coordinates(scene.camera.position)} and looks at {coordinates(scene.camera.target)}; "
             f"the scene reaches from {coordinates(lower)} to {coordinates(upper)}."
         ]
-    # A box may be meant as a room, and so may a sphere that emits to its inside.
+    # A mesh whose inside is visible may be meant as a room, and so may a sphere that emits inwards. Neither causes
+    # a warning.
     shapes = [scene.shapes[index] for index in around]
     found = [
         f'The camera stands inside the sphere "{shape.name}" and sees nothing but its inside. '

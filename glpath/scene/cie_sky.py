@@ -94,8 +94,8 @@ def cie_sky(
     up          : (3,) unit
     sun         : (3,) unit, towards the sun, not below the horizon; None if the sky has no sun (`has_sun`)
     zenith      : radiance of the zenith, W sr^-1 m^-2 or cd m^-2
-    illuminance : irradiance in W m^-2 or lx, instead of `zenith`. It is exact for the filtered map, without raster
-                  error
+    illuminance : irradiance of open ground in W m^-2 or lx, instead of `zenith`. The bilinearly filtered map has
+                  exactly this irradiance
     ground      : albedo of the ground below the horizon
     """
     directions = texel_directions(up)

@@ -1,6 +1,6 @@
 """Digest of everything that changes the image of a scene, computed from the fields of its dataclasses.
 
-A new field is included from the day it is declared. Fields that change no image are listed here.
+A new field is included automatically. Fields that do not change the image are listed in `UNSEEN`.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def _add(value: object, update: _Update) -> None:
         for each in value:
             _add(each, update)
     elif isinstance(value, np.ndarray):
-        kept = value.dtype == np.uint8  # images are large
+        kept = value.dtype == np.uint8  # images are hashed without conversion, because they are large
         array = value if kept else value.astype("<f8" if value.dtype.kind == "f" else "<i8", copy=False)
         update(f"array {array.dtype} {array.shape} ".encode())
         update(np.ascontiguousarray(array).tobytes())

@@ -1,13 +1,14 @@
 """Directional albedo E of rough surfaces whose microfacets scatter light once.
 
-The rest of the light hits another microfacet. If it is kept (`Material.multiple_scattering`), the lobes are divided
-by E of the direction to the eye, which `see_along` in shaders/scene/surface.glsl looks up. A coloured surface
-multiplies light by F at every further scattering. The factor of a lobe is then
+The remaining fraction 1 - E of the light hits another microfacet. If that light is kept
+(`Material.multiple_scattering`), a lobe is divided by E for the direction to the eye. `see_along` in
+shaders/scene/surface.glsl looks E up. A coloured surface multiplies light by its reflectance F at every further
+scattering, so its lobe is multiplied by
 
     1 + F x / (1 - F (1 - x)) (1 - E) / E
 
 where x is the fraction of light that leaves after a further scattering (`escapes`). The albedo of a dielectric is
-f0 (E - B) + f90 B, with B for Schlick's weight (`schlick_albedo`). Its base receives the rest.
+f0 (E - B) + f90 B, where B is the albedo for Schlick's weight (`schlick_albedo`). Its base receives the rest.
 
 Cost:    0.1 s for the table of an index, made once. A path vertex reads one texel, or two for a dielectric.
 Poor at: anisotropy, for which the table has the mean roughness; grazing incidence on rough surfaces, because the
@@ -26,7 +27,7 @@ import numpy as np
 from glpath.scene.geometry import Float64
 from glpath.scene.slab import between_faces
 
-#: Alpha below which a microfacet surface is a mirror.
+#: Alpha below which a microfacet surface is treated as a perfectly smooth one.
 SMOOTH = 1e-3
 #: Number of table cells along the square root of the cosine, and along the roughness.
 CELLS = 24
@@ -40,8 +41,8 @@ _HEIGHTS = 32
 def directional_albedo(eta: float) -> Float64:
     """Return (CELLS + 1, CELLS + 1) float64 albedo in [0, 1] for roughness i / CELLS and cosine (j / CELLS)².
 
-    eta : index of the far side over that of the near side, for glass. 0 for white metal, and for thin glass, which
-          sends to both sides what metal sends to one
+    eta : refractive index of the far side divided by that of the near side, for glass. 0 for white metal. Also 0
+          for thin glass, which sends to both sides together what metal sends to one side
     """
     steps = np.arange(CELLS + 1) / CELLS
     cosine = np.maximum(steps**2, 1e-4)
@@ -50,7 +51,7 @@ def directional_albedo(eta: float) -> Float64:
 
 @lru_cache(maxsize=1)
 def schlick_albedo() -> Float64:
-    """Return the table of `directional_albedo` for microfacets that reflect (1 - cosine)^5, as Schlick's weight."""
+    """Return a table like `directional_albedo` for microfacets of reflectance (1 - cosine)^5, Schlick's weight."""
     steps = np.arange(CELLS + 1) / CELLS
     cosine = np.maximum(steps**2, 1e-4)
     return np.stack([_scattered_once(cosine, float(max(r, 1e-3) ** 2), 0.0, schlick=True) for r in steps])
@@ -60,8 +61,9 @@ def schlick_albedo() -> Float64:
 def escapes() -> Float64:
     """Return the approximate fraction of light that leaves rough metal after a further scattering.
 
-    The result is a polynomial of the roughness, (5,) float64, constant first. It is the mean of E over the cosine,
-    to the power 0.6. That lies between the two sources, nearest to the random walk.
+    The result has the (5,) float64 coefficients of a polynomial in the roughness, constant first. It is fitted to
+    the cosine-weighted hemispherical mean of E, to the power 0.6. That lies between the values x of the two
+    sources, and gives results closest to the random walk.
     """
     steps, mean = np.arange(CELLS + 1) / CELLS, _over_the_cosine(directional_albedo(0.0))
     fitted = np.polynomial.Polynomial.fit(steps, mean**0.6, 4, domain=[0, 1], window=[0, 1])
@@ -87,14 +89,17 @@ def hemispherical_albedo(f0: Float64, f90: float, roughness: float, kept: bool) 
 
 
 def _over_the_cosine(table: Float64) -> Float64:
-    """Return the (CELLS + 1,) float64 cosine-weighted mean over directions of light, for each roughness."""
+    """Return the (CELLS + 1,) float64 cosine-weighted hemispherical mean of a table for each roughness."""
     cosine = (np.arange(CELLS + 1) / CELLS) ** 2
     sent = 2.0 * cosine * table
     return np.asarray((0.5 * (sent[:, 1:] + sent[:, :-1]) * np.diff(cosine)).sum(axis=1))
 
 
 def _scattered_once(cosine: Float64, alpha: float, eta: float, schlick: bool = False) -> Float64:
-    """Return the albedo (n,) at cosines (n,), by the midpoint rule over visible normals [Dupuy & Benyoub 2023]."""
+    """Return the single-scattering albedo (n,) at cosines (n,) of the direction to the eye.
+
+    It is integrated by the midpoint rule over visible normals [Dupuy & Benyoub 2023].
+    """
     weight, z, o, mz = _ggx_normals(cosine, alpha)
     reflected = _seen(2.0 * o * mz - z, alpha)
     if schlick:
@@ -115,9 +120,9 @@ def _fresnel(o: Float64, eta: float) -> tuple[Float64, Float64]:
 
 
 def _ggx_normals(cosine: Float64, alpha: float) -> tuple[Float64, Float64, Float64, Float64]:
-    """Return visible GGX normals.
+    """Return sample normals of the visible GGX distribution, for views at cosines (n,).
 
-    These are the weights, the cosines of the view (n, 1, 1), the cosines between view and normals, and the normals'
+    Returns the samples' weights, the view cosines (n, 1, 1), the cosines between view and normals, and the normals'
     z.
     """
     phi = np.pi * (np.arange(_AZIMUTHS)[:, None] + 0.5) / _AZIMUTHS
@@ -149,9 +154,9 @@ def _beckmann_normals(cosine: Float64, alpha: float) -> tuple[Float64, Float64, 
 
 @lru_cache(maxsize=64)
 def boundary_reflectance(ior: float, has_two_faces: bool) -> tuple[float, float]:
-    """Return the reflectance of a smooth boundary at normal incidence, and its mean over light from everywhere.
+    """Return the reflectance of a smooth boundary at normal incidence and for uniform illumination.
 
-    has_two_faces : the boundary is a thin sheet, which reflects between its faces as well
+    has_two_faces : True for a thin sheet, with the reflections between its two faces
     """
     u, weight = np.polynomial.legendre.leggauss(64)
     cosine = np.append((u + 1.0) / 2.0, 1.0)
@@ -163,15 +168,15 @@ def boundary_reflectance(ior: float, has_two_faces: bool) -> tuple[float, float]
 
 @lru_cache(maxsize=64)
 def burley_albedo(roughness: float) -> float:
-    """Return the share of light from everywhere that Burley's white base reflects [Burley 2012, 5.3].
+    """Return the fraction of uniform illumination that Burley's white base reflects [Burley 2012, 5.3].
 
-    It is the mean of `disney_base` in shaders/bsdf/bsdf.glsl over both directions.
+    It is the cosine-weighted mean of `disney_base` in shaders/bsdf/bsdf.glsl over incident and outgoing directions.
     """
     u, weight = np.polynomial.legendre.leggauss(16)
     cosine = (u + 1.0) / 2.0
     o, i = cosine[:, None], cosine[None, :]
     Fo, Fi = (1.0 - o) ** 5, (1.0 - i) ** 5
-    # The means of R = 2 roughness cos^2 and of its square over the azimuth between the directions.
+    # Means of R = 2 roughness cos^2, and of R^2, over the azimuth between the two directions.
     R = roughness * (1.0 + o * i)
     R2 = roughness**2 * ((1.0 + o * i) ** 2 + 0.5 * (1.0 - o * o) * (1.0 - i * i))
     base = (1.0 - 0.5 * Fo) * (1.0 - 0.5 * Fi) + R * (Fo + Fi - Fo * Fi) + R2 * Fo * Fi
@@ -180,19 +185,20 @@ def burley_albedo(roughness: float) -> float:
 
 @lru_cache(maxsize=64)
 def plastic_entry(ior: float, alpha: float, distribution: str) -> tuple[Float64, float]:
-    """Return the entry polynomial of a diffuse base under a rough boundary, and its mean over diffuse light.
+    """Return a polynomial for light that enters a rough boundary over a diffuse base, and its mean.
 
-    The polynomial, (8,) float64 with the constant first, is of the square root of the cosine. It is the fraction of
-    light that crosses the boundary to the base, times a constant. Light of the base crosses twice, so a Lambertian
-    base is multiplied by the polynomial at both cosines. The constant includes light that the boundary reflects
-    back to a white base. For another base, that light is in the base's reflectance.
+    The first result has the (8,) float64 coefficients of a polynomial in the square root of the cosine, constant
+    first. Its value is the fraction of light that crosses the boundary to the base, times a constant. The second
+    result is its mean over uniform illumination. Light crosses the boundary inwards and outwards, so a Lambertian
+    base is multiplied by the polynomial at both cosines. The constant accounts for light that the boundary reflects
+    back to a white base. For another base, that light is part of the base's reflectance.
 
     ior          : index of the dielectric
     alpha        : alpha of its microfacets
     distribution : "ggx" or "beckmann"
 
     Source: Mitsuba 3.9, plastic and roughplastic. A rough boundary loses light that it scatters more than once.
-            Light that it reflects back is Mitsuba's mean of 64 cosines, both ends included, up to 2 % too much.
+            The fraction reflected back is Mitsuba's mean of 64 cosines, both ends included, up to 2 % too large.
     """
     cosine = (np.arange(128) + 0.5) / 128
     through = 1.0 - _fresnel(cosine, ior)[0] if alpha < SMOOTH else _crossing(cosine, alpha, ior, distribution)[0]
@@ -225,7 +231,7 @@ def _crossing(cosine: Float64, alpha: float, eta: float, distribution: str) -> t
 
 
 def _seen(z: Float64, alpha: float) -> Float64:
-    """Return Smith's masking of directions at a cosine z; 0 below the surface."""
+    """Return Smith's masking of GGX microfacets in directions at a cosine z; 0 below the surface."""
     z = np.clip(z, 0.0, 1.0)
     return np.asarray(2.0 * z / np.maximum(z + np.sqrt(z * z + alpha * alpha * (1.0 - z * z)), 1e-12))
 
@@ -238,6 +244,6 @@ def _beckmann_seen(z: Float64, alpha: float) -> Float64:
 
 
 def cells(table: Float64) -> Float64:
-    """Return the (CELLS², 4) corners of cells: both cosines at this roughness, then both at the next one."""
+    """Return the (CELLS², 4) values at cell corners: two cosines at the lower, then at the upper roughness."""
     corners = [table[:-1, :-1], table[:-1, 1:], table[1:, :-1], table[1:, 1:]]
     return np.stack(corners, axis=2).reshape(-1, 4)

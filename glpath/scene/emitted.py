@@ -13,10 +13,11 @@ if TYPE_CHECKING:
 
 
 def emitted_radiance(scene: Scene, counts: Callable[[Shape], bool] = lambda shape: True) -> float:
-    """Return the mean radiance in W m^-2 sr^-1 that emitting shapes would cause, unobstructed, on the scene's box.
+    """Return the radiance in W m^-2 sr^-1 of a white diffuse box around the scene that receives all emitted light.
 
-    Only shapes for which `counts` is true are included. The result is infinite if one of these emits and has no
-    triangles. Emission textures are represented by their mean.
+    It is the shapes' emitted power, divided by pi and by the box's area. Only shapes for which `counts` is true are
+    included. The result is infinite if one of these emits and has no triangles. Emission textures are represented
+    by their mean.
     """
     lower, upper = scene.bounds
     x, y, z = upper - lower

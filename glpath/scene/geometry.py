@@ -101,7 +101,7 @@ class Mesh:
         return replace(self._with_vertices(first), faces=which.astype(np.int32)[self.faces])
 
     def without_faces(self, dropped: NDArray[np.bool_]) -> Mesh:
-        """Return the mesh without some faces and without unused vertices; the same mesh if it has neither.
+        """Return the mesh without some faces and without unused vertices; the same mesh if nothing is removed.
 
         dropped : (F,) bool
         """
@@ -127,14 +127,14 @@ class Mesh:
 
 
 IDENTITY = np.eye(3, 4)
-# Number of points whose boxes are computed at once, limited by the size of a cache.
+# Number of points that `instance_boxes` transforms at once, so that they fit into a cache.
 _TOGETHER = 1 << 15
 IDENTITY.flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Named geometry of one material, with one or more instances; TB calls it an object.
+    """Named geometry of one material, with one or more instances; an object in the paper TB.
 
     geometry           : mesh; exact unit "sphere" or "plane", see `Scene.spheres` and `Scene.planes`; or stream,
                          which is already in world space
@@ -147,8 +147,8 @@ class Shape:
     subdivisions       : number of times that a sphere's triangles are split if the sphere has to be tessellated
     kind               : kind in the file: quad, box, mesh, sphere, plane or stream
     maintenance_factor : factor that `emission` already contains; None if none was given
-    motion             : motion of the instances, or None; `world_from_object` is then the pose when the shutter
-                         opens
+    motion             : motion of the instances; `world_from_object` is then their pose when the shutter opens.
+                         None: they do not move
     """
 
     name: str
@@ -422,7 +422,7 @@ def _box(points: Float64) -> tuple[Float64, Float64]:
 
 
 def perpendicular(axis: Float64) -> Float64:
-    """Return a (3,) unit vector perpendicular to a unit axis, always the same one for an axis."""
+    """Return a (3,) unit vector perpendicular to a unit axis. The same axis always gives the same vector."""
     across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     return np.asarray(across / np.linalg.norm(across))
 
@@ -447,7 +447,7 @@ def sphere_areas(spheres: Float64) -> Float64:
 
 
 def _or_zeros(values: Float64 | None, *shape: int) -> Float64:
-    """Return `values`, or zeros that take no memory if `values` is None."""
+    """Return `values`; if it is None, zeros of the given shape, as a broadcast that takes no memory."""
     return np.broadcast_to(0.0, shape) if values is None else values
 
 

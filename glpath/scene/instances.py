@@ -1,8 +1,9 @@
 """Division of a scene into meshes that are stored once, with a list of their instances, and single triangles.
 
-A scene stores each mesh once already (`glpath.scene.geometry`). An engine that supports instances gets the scene
-divided. The `resident` triangles contain each instanced mesh once, in its own space. All other meshes become
-triangles of all their instances: for few triangles, the second level of a BVH costs more than it saves.
+A scene stores each mesh once already (`glpath.scene.geometry`). An engine that supports instances gets the divided
+scene. Its `resident` triangles contain each instanced mesh once, in the mesh's own space. All other meshes are
+expanded to the triangles of all their instances, because a second BVH level costs more than it saves for few
+triangles.
 
 Cost:     some microseconds an instance.
 """
@@ -18,11 +19,14 @@ from numpy.typing import NDArray
 from glpath.scene.geometry import Mesh, Shape, Shapes, instance_boxes
 from glpath.scene.model import Float64, Int32, Scene
 
-#: Minimum number of triangles that instancing must save. Each takes some 500 bytes while an engine is created.
+#: Minimum number of triangles that instancing must save; otherwise all meshes are expanded. A triangle takes some
+#: 500 bytes while an engine is created.
 MIN_SAVED = 500_000
-#: Minimum triangles of an instanced mesh: for fewer, its box is hardly cheaper than the triangles.
+#: Minimum number of triangles of an instanced mesh. A smaller mesh is expanded, because a test of its box is hardly
+#: cheaper than tests of its triangles.
 MIN_TRIANGLES = 64
-# Minimum ratio of smallest to largest scale of a map; a flatter map loses digits that rays need.
+# Minimum ratio of smallest to largest scale of an instance's map. Meshes with flatter maps are expanded, because
+# such maps lose digits that rays need.
 _FLATTEST = 1e-4
 
 
@@ -30,11 +34,11 @@ _FLATTEST = 1e-4
 class InstancedScene:
     """Scene whose instanced meshes are stored once.
 
-    given     : the whole scene
-    resident  : the scene with the same number of shapes. Shapes with instances have none here. Only the first shape
-                of each mesh and material has the mesh, not at its visible position: it is centred on the origin and
-                scaled to a size from 1/2 to 1
-    mesh_shape : (M,) int, for each mesh, the shape of `resident` that contains it
+    given     : the undivided scene
+    resident  : scene with the same shapes, but without the instances. Of the shapes with the same mesh and
+                material, only the first keeps the mesh. That mesh is centred on the origin and scaled to a size
+                from 1/2 to 1, so it is not at a visible position
+    mesh_shape : (M,) int, for each mesh, index of the shape of `resident` that contains it
     mesh      : (I,) int, mesh number of each instance
     shape     : (I,) int, shape of each instance, in the order of the shapes
     world_from_mesh : (I, 3, 4) float64, maps from the mesh in `resident` to the world
@@ -77,8 +81,8 @@ class InstancedScene:
 def instanced(scene: Scene) -> InstancedScene | None:
     """Return the scene with its instances separated, or None if that saves too little.
 
-    Some meshes stay triangles: small ones, single ones, emitting ones, because light samples are drawn from
-    triangles, and meshes with flattening maps. If shapes move, all meshes stay triangles.
+    A mesh is expanded to triangles if it is small, has a single instance, has a flattening map, or emits. Emitting
+    meshes are expanded because light samples are drawn from triangles. If shapes move, all meshes are expanded.
     """
     if scene.moving_shapes:
         return None

@@ -1,7 +1,7 @@
-"""Reflectance of a thin film over a surface: interference of light from its two sides, in linear Rec. 709.
+"""Reflectance of a surface with a thin film on it: interference of light from its two sides, in linear Rec. 709.
 
-`film_reflects` in shaders/bsdf/iridescence.glsl is the same for the device. This version is for solvers, which
-treat all surfaces as diffuse.
+`film_reflects` in shaders/bsdf/iridescence.glsl is the GPU version. This version is for solvers, which treat all
+surfaces as diffuse.
 
 Source: Belcour & Barla 2017, A practical extension to microfacet theory for the modeling of varying iridescence;
 with Schlick's Fresnel on both sides and two orders of interference, as in Khronos' sample renderer
@@ -14,7 +14,8 @@ import numpy as np
 
 from glpath.scene.geometry import Float64
 
-# Gaussians of the eye's three sensitivities over wave numbers: weight, centre and variance. X has a second one.
+# Gaussians that approximate the eye's sensitivities X, Y and Z as functions of the wave number: weight, centre and
+# variance. X is the sum of two Gaussians; `_SECOND` is the other one.
 _VALUE = np.array([5.4856e-13, 4.4201e-13, 5.2481e-13])
 _CENTRE = np.array([1.6810e6, 1.7953e6, 2.2084e6])
 _VARIANCE = np.array([4.3278e9, 9.3046e9, 6.6121e9])
@@ -28,8 +29,9 @@ _REC709 = np.array(
 def film_reflects(cosine: Float64, thickness: float, ior: float, f0: Float64) -> Float64:
     """Return the (n, 3) reflectance in [0, 1] at cosines (n,) to the normal.
 
-    thickness : thickness of the film in nm; ior : index of the film; f0 : (3,) reflectance in air of the surface
-                below, at normal incidence
+    thickness : thickness of the film in nm
+    ior       : index of refraction of the film
+    f0        : (3,) reflectance in air, at normal incidence, of the surface below the film
     """
     cosine = cosine[:, None]
     t = np.clip(thickness / 0.03, 0.0, 1.0)

@@ -32,12 +32,12 @@ _MATTE = 0.8
 SHEEN_MIN_ALPHA = 0.01
 #: Number of cells of the table of white sheen's albedo, along the fourth root of alpha.
 SHEEN_CELLS = 24
-#: Charlie's fitted lambda for alpha = 0 and for alpha = 1 [Estevez & Kulla 2017, table 1].
+#: Coefficients a to e of Charlie's fitted lambda, for alpha = 0 and for alpha = 1 [Estevez & Kulla 2017, table 1].
 CHARLIE_LAMBDA = (
     (25.3245, 3.32435, 0.16801, -1.27393, -4.85967),
     (21.5473, 3.82987, 0.19823, -1.97760, -4.32054),
 )
-# Value of each byte as a linear number.
+# Value of each byte of an image with linear values.
 _LINEAR = (np.arange(256) / 255.0).astype(np.float32)
 # Linear value of each byte of an sRGB colour.
 _FROM_SRGB = decode_srgb(np.arange(256) / 255.0).astype(np.float32)
@@ -65,14 +65,14 @@ SLOTS = (
 
 @dataclass(frozen=True)
 class Texture:
-    """Image that colours surfaces, repeated endlessly. A checker is an unfiltered image of 2 x 2 texels.
+    """Image that colours surfaces, by default repeated endlessly. A checker is an unfiltered image of 2 x 2 texels.
 
-    image  : (h, w, 3) or, with alpha, (h, w, 4), row 0 at the top, where v = 1. float32, linear Rec. 709, or uint8,
-             with 255 for one
+    image  : (h, w, 3) or, with alpha, (h, w, 4), row 0 at the top, where v = 1. float32, linear Rec. 709; or uint8,
+             where 255 stands for 1
     scale  : repeats per unit of u and of v
     filter : "linear" or "nearest"
-    srgb   : True if uint8 colours are sRGB; False if they are linear, as data that are not colours. Alpha is linear
-    wrap   : mode beyond 0 and 1, for u and for v
+    srgb   : True if uint8 colours are sRGB; False if they are linear, like data other than colours. Alpha is linear
+    wrap   : what u and what v below 0 and above 1 show: repetitions, the edge, or mirrored repetitions
     """
 
     name: str
@@ -149,8 +149,8 @@ class Material:
                        [KHR_materials_anisotropy]
     anisotropy_angle : degrees, from the direction in which u grows towards that in which v grows
     ior              : index of refraction of a dielectric, >= 1
-    specular_weight  : factor in [0, 1] of the dielectric's reflection; specular_colour (3,) is its factor at normal
-                       incidence
+    specular_weight  : factor in [0, 1] of the dielectric's reflection at all angles; specular_colour (3,)
+                       multiplies its reflection at normal incidence only
     transmission     : fraction in [0, 1] of the base that is glass instead of diffuse
     thin             : True for a thin dielectric, which does not refract; False for the surface of a solid that
                        does
@@ -177,8 +177,9 @@ class Material:
                        solid glass takes the root of the reflectance at each crossing [Burley 2012, 2015]. "beside":
                        Fresnel's equations; glass covers its fraction of the surface, and a bare base the rest
     multiple_scattering : True keeps, approximately, light that microfacets scatter more than once; the base under a
-                          dielectric receives all light that the dielectric does not reflect. False loses the first,
-                          as in Mitsuba, and uses glTF's formula for the base, up to 3 % more or less
+                          dielectric receives all light that the dielectric does not reflect. False loses the light
+                          scattered more than once, as in Mitsuba. It uses glTF's formula for the base, which is up
+                          to 3 % brighter or darker
     unlit            : True if it shows only its emission, times vertex colours. Other light does not affect it, but
                        it lights others as any emitter does
     opacity          : opacity in [0, 1], multiplied by the alpha of the texture and of the vertices
@@ -260,29 +261,29 @@ class Material:
 
     @property
     def has_lobes(self) -> bool:
-        """True if it has a mirror or microfacets, not just Lambertian or Phong reflection."""
+        """True if the material has a mirror or microfacets, not just Lambertian or Phong reflection."""
         return self.roughness is not None or bool(np.any(self.mirror > 0))
 
     @property
     def is_matte(self) -> bool:
-        """True if it has only microfacets so rough that they look nearly the same from all directions."""
+        """True if the material looks nearly the same from all directions: its only lobes are rough microfacets."""
         smooth = self.roughness is None or self.roughness < _MATTE or self.surface_texture is not None
         more = (self.metallic, self.transmission, self.clearcoat, self.iridescence, self.diffuse_transmission)
         return not smooth and not any(more) and not np.any(self.sheen > 0) and not np.any(self.mirror > 0)
 
     @property
     def lets_light_through(self) -> bool:
-        """True if rays may pass it, because of its opacity or through a culled back."""
+        """True if rays may pass the material, because of its opacity or through a culled back."""
         return self.alpha != "opaque" or self.culled
 
     @property
     def needs_uv(self) -> bool:
-        """True if its shapes need texture coordinates, for textures or for the direction of the tangent."""
+        """True if shapes of the material need texture coordinates, for textures or for the tangent's direction."""
         return bool(self.slots) or (self.roughness is not None and self.anisotropy > 0)
 
     @property
     def is_smooth(self) -> bool:
-        """True if its microfacets form a mirror, or glass that one can see through."""
+        """True if the material's microfacets form a mirror, or glass that one can see through."""
         return self.roughness is not None and self.roughness**2 < SMOOTH and self.anisotropy == 0
 
     @property
@@ -318,9 +319,9 @@ class Material:
 
     @property
     def dielectric(self) -> tuple[Float64, float]:
-        """Reflectance of its dielectric at normal incidence, (3,) float64, and at grazing incidence.
+        """Reflectance of the material's dielectric at normal incidence, (3,) float64, and at grazing incidence.
 
-        Fresnel's equations give it from the index. KHR_materials_specular of glTF adds a colour and a weight.
+        Fresnel's equations give the first from the index. glTF's KHR_materials_specular adds a colour and a weight.
         """
         return np.minimum(self.dielectric_ratio, 1.0) * self.specular_weight, self.specular_weight
 
@@ -349,8 +350,8 @@ class Material:
         clear : fraction of the base whose transmitted light is not included
 
         Solvers that treat all surfaces as diffuse use this fraction. It is at most 0.97, because light between
-        mirrors or clear surfaces would never die out. Roughness is ignored for glass and under a thin film, where
-        Schlick's formula has the mean f0 + (f90 - f0) / 21.
+        mirrors or clear surfaces would never die out. Roughness is ignored for glass and under a thin film. The
+        cosine-weighted hemispherical mean of Schlick's formula is then f0 + (f90 - f0) / 21.
         """
         if not self.has_lobes:
             return base
@@ -375,9 +376,9 @@ class Material:
         return np.asarray(np.minimum(all_, _MAX_REFLECTED))
 
     def hemispherical_transmittance(self, base: Float64, clear: float = 0.0) -> Float64:
-        """Return the (3,) float64 fraction of uniform illumination that its diffuse base sends to the other side.
+        """Return the (3,) float64 fraction of uniform illumination that the diffuse base sends to the other side.
 
-        The sum with `hemispherical_reflectance` is at most 0.97; parameters are the same.
+        Its sum with `hemispherical_reflectance` is at most 0.97. Both have the same parameters.
         """
         if self.roughness is None or self.diffuse_transmission == 0:
             return np.zeros(3)
@@ -457,7 +458,7 @@ class Material:
         return np.asarray((1.0 - self.iridescence) * plain + self.iridescence * seen)
 
     def described(self) -> str:
-        """Return a short description of its properties other than diffuse; "" if it has none."""
+        """Return a short description of the material's properties other than diffuse; "" if there are none."""
         words = ["texture"] * (self.texture is not None) + ["highlight"] * bool(np.any(self.specular > 0))
         words += ["mirror"] * bool(np.any(self.mirror > 0))
         if self.roughness is not None:
@@ -501,7 +502,8 @@ def averaged(material: Material, textures: Sequence[Texture]) -> Material:
         return np.ones(3) if slot is None else textures[slot.texture].linear()[..., :3].mean(axis=(0, 1))
 
     roughness, metallic = material.roughness, material.metallic
-    # Materials with glass keep their constants, because `clear` divides them by the constant share of metal.
+    # Materials with glass keep their constant metallic: the argument `clear` of `hemispherical_reflectance` was
+    # computed with it.
     if roughness is not None and material.transmission == 0:
         roughness *= mean(material.surface_texture, 1)
         metallic *= mean(material.surface_texture, 2)
@@ -559,7 +561,9 @@ def sheen_albedo(cosine: Float64, alpha: float) -> Float64:
 
 
 def sheen_albedo_fit(alpha: float) -> Float64:
-    """Return (8,) float64: the logarithm of `sheen_albedo` as a polynomial of the cosine's root, constant first.
+    """Return (8,) float64 coefficients, constant first, of a polynomial that approximates log(`sheen_albedo`).
+
+    The variable of the polynomial is the square root of the cosine.
 
     The error is below 0.003 of the incident light for cosines of 0.01 and more.
     """

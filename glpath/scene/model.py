@@ -65,14 +65,14 @@ class Light:
     kind      : "point", "spot" (a point with a cone) or "directional" (infinitely far)
     intensity : (3,) float64, linear Rec. 709, in the unit of the scene: intensity in W sr^-1 or cd, of a spot on
                 its axis. With falloff "none", and for a directional light: irradiance in W m^-2 or lx on a surface
-                that faces it. With a profile: factor of the candela, 1 in a photometric scene, 1 /
-                `glpath.film.units.EFFICACY` in a radiometric one
+                that faces it. With a profile: factor by which the profile's candela values are multiplied, 1 in a
+                photometric scene, 1 / `glpath.film.units.EFFICACY` in a radiometric one
     position  : (3,) float64; without meaning for a directional light
     direction : (3,) float64 unit, direction of light travel. For a point light with a profile, direction of gamma =
-                0; without meaning for one without a profile
+                0; without meaning for a point light without a profile
     cone      : half angles in degrees of full light and of the edge; light fades between them by `spot_fade`
     falloff   : "quadratic" (physical) or "none", as in ray tracers of the 1980s
-    profile   : distribution of a point light over directions; None: uniform
+    profile   : intensity of a point light in each direction; None: the same in all directions
     c0        : (3,) float64 unit, perpendicular to `direction`: direction of C = 0 and gamma = 90 degrees of the
                 profile
     maintenance_factor : factor that `intensity` already contains; None if none was given
@@ -204,7 +204,7 @@ class Scene:
     def bounds(self) -> tuple[Float64, Float64]:
         """Lower corner (3,) and upper corner (3,) of the box around all spheres and triangles, including streams.
 
-        Planes are unbounded and do not count. The box of a scene of planes only contains the planes' points.
+        Planes are unbounded and do not count. If a scene has only planes, the box contains one point of each plane.
         """
         return self.shapes.bounds
 
@@ -212,8 +212,8 @@ class Scene:
     def framed_points(self) -> Float64:
         """Points (N, 3) that must be in the image of a camera that shows the whole scene, see `framing`.
 
-        The points are the vertices of meshes and 26 points of each sphere. Streams, and scenes of planes only, add
-        the corners of `bounds`.
+        The points are the vertices of meshes and 26 points of each sphere. If the scene has streams, or nothing but
+        planes, the corners of `bounds` are added.
         """
         points = [
             self.shapes.used_vertices,
@@ -233,8 +233,8 @@ class Scene:
     def centred(self) -> Scene:
         """Scene relative to its `origin`, a point with few digits near its centre, as engines need it.
 
-        32-bit floats far from the world's origin are too far apart. The scene itself if its centre is near the
-        origin: within four diagonals of the box around its shapes. Computed on first use.
+        32-bit floats far from the world's origin are too far apart. If the centre is within four diagonals of the
+        scene's box from the origin, this is the scene itself. Computed on first use.
         """
         from glpath.scene.centre import centred
 
@@ -243,7 +243,8 @@ class Scene:
     def mean_reflectance(self, material: Material, clear: float = 0.0) -> Float64:
         """Return the (3,) float64 fraction of uniform illumination that a material reflects.
 
-        Mirrors and glass are included, without the fraction `clear` of the base. A texture contributes its mean.
+        Mirrors are included, and so is light that glass transmits, except through the fraction `clear` of the base.
+        A texture contributes its mean.
         """
         base = material.reflectance
         if material.texture is not None:
@@ -334,8 +335,9 @@ class Scene:
         changes : new values of `Camera` fields by name. A new position, target or up ends the motion, because
                   motion would override them
 
-        A camera that was created for a file without one shows the whole scene. It is fitted again if the resolution
-        or up changes. A studio that substitutes for missing light is then rotated with it.
+        A camera that was created for a file without one shows the whole scene. If the resolution or up changes,
+        that camera is fitted to the scene again. A studio that substitutes for missing light is then rotated to the
+        new up.
 
         Raises UsageError for values that are not a camera, and for unknown names.
         """
@@ -415,7 +417,7 @@ def _with_studio_turned(scene: Scene, up: Float64) -> Scene:
     return replace(scene, sky=studio((axis[0], axis[1], axis[2])), background=background)
 
 
-# (26, 3) unit directions to the faces, edges and corners of a cube.
+# (26, 3) unit directions from the centre of a cube to its faces, edges and corners.
 _AROUND = np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)], np.float64) - 1.0
 _AROUND /= np.linalg.norm(_AROUND, axis=1, keepdims=True)
 _shape_builder: ShapeBuilder | None = None

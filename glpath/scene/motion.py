@@ -70,7 +70,7 @@ class Motion:
 
 
 def followed_by(world_from_object: Float64, motion: Float64) -> Float64:
-    """Return maps (N, 3, 4) followed by a (3, 4) map; the same array if that is the identity."""
+    """Return maps (N, 3, 4) followed by the map `motion` (3, 4); the same array if `motion` is the identity."""
     if np.array_equal(motion, np.eye(3, 4)):
         return world_from_object
     moved = motion[:, :3] @ world_from_object

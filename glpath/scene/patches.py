@@ -34,7 +34,8 @@ Heights = Callable[[Float64], Float64]
 
 # Cosine of the angle up to which the normals of adjacent patches are merged.
 _SMOOTH = np.cos(np.radians(30.0))
-# Distance inwards at which the normal is taken if an edge of the patch is a point, without a normal.
+# If an edge of a patch degenerates to a point, it has no normal. The normal is then taken this fraction of the
+# distance towards u = v = 1/2.
 _INWARD = 1e-4
 #: Maximum number of triangles in a chunk of streamed patches, unless a single patch has more.
 CHUNK = 1 << 15
@@ -53,9 +54,10 @@ class Patches:
 
     @classmethod
     def bezier(cls, points: ArrayLike, numbers: ArrayLike) -> Patches:
-        """Return patches of control points: `numbers` (P, 16) into `points` (N, 3), u slow and v fast.
+        """Return patches from control points. The texture coordinates of each patch go from 0 to 1.
 
-        The texture coordinates of each patch go from 0 to 1.
+        points  : (N, 3)
+        numbers : (P, 16) indices into `points`, with v varying fastest
         """
         control = np.asarray(points, np.float64)[np.asarray(numbers)].reshape(-1, 4, 4, 3)
         return cls(control + 0.0, np.tile([0.0, 0.0, 1.0, 1.0], (len(control), 1)))
@@ -91,8 +93,8 @@ class Patches:
     def levels_seen(self, camera: Camera, pixels: float) -> Int64:
         """Return (P, 4) segment counts of edges, powers of two, so that a segment is at most about `pixels` long.
 
-        The estimate is a bound: an edge is not longer than its control polygon, and not nearer than its control
-        points.
+        The estimate uses the length of the edge's control polygon, which the edge cannot exceed, and the distance
+        of the nearest control point.
         """
         curve = _in_one_order(self.edges)[0]
         length = np.linalg.norm(np.diff(curve, axis=2), axis=3).sum(axis=2)
@@ -142,8 +144,8 @@ def diced(patches: Patches, levels: Int64, heights: Heights | None = None) -> Me
 class PatchChunks:
     """Triangles of patches in pieces that are not kept in memory; see `glpath.io.streams.Chunks`.
 
-    Each piece contains some patches. The edges of adjacent patches are divided with it, so that shared points have
-    the same bits.
+    Each piece contains some patches. For displaced patches, the edges of adjacent patches are computed too, so that
+    points shared by two pieces have the same bits.
     """
 
     patches: Patches
@@ -184,7 +186,7 @@ class _Points:
 
     position, normals, uv : (V, 3), (V, 3), (V, 2)
     group : (V,) equal for points at the same position
-    faces : (F, 3) numbers of points, none with two at the same position
+    faces : (F, 3) numbers of points; no face has two points at the same position
     """
 
     position: Float64
@@ -224,7 +226,7 @@ def _points(
     own = group[face]
     apart = (own[:, 0] != own[:, 1]) & (own[:, 1] != own[:, 2]) & (own[:, 2] != own[:, 0])
     sums = np.zeros((group.max() + 1, 3))
-    np.add.at(sums, group, normals)  # in the order of patches, independent of the other patches
+    np.add.at(sums, group, normals)  # in patch order, so that the bits do not depend on other patches
     length = np.linalg.norm(sums, axis=1, keepdims=True)
     common = sums / np.where(length > 0, length, 1.0)
     if heights is not None:
@@ -309,13 +311,13 @@ def _as_bezier(points: Float64, axis: int) -> Float64:
     """Return control points of Bézier curves, four for each segment of a uniform B-spline along an axis."""
     p = np.moveaxis(points, axis, 0)
     a, b, c, d = p[:-3], p[1:-2], p[2:-1], p[3:]
-    # The last sum of a curve is the first of the next, with the same bits.
+    # The last point of a curve and the first of the next curve are the same sum, so they have the same bits.
     curves = np.stack([(a + 4 * b + c) / 6, (2 * b + c) / 3, (b + 2 * c) / 3, (b + 4 * c + d) / 6], axis=1)
     return np.moveaxis(curves.reshape(-1, *p.shape[1:]), 0, axis)
 
 
 def _in_one_order(curves: Float64) -> tuple[Float64, NDArray[np.bool_]]:
-    """Return curves (..., 4, 3) from the smaller end, and a mask (...) of those that were reversed."""
+    """Return curves (..., 4, 3), each from its lexicographically smaller end, and a mask (...) of reversed ones."""
     forth, back = curves.reshape(*curves.shape[:-2], 12), curves[..., ::-1, :].reshape(*curves.shape[:-2], 12)
     differ = forth != back
     first = np.argmax(differ, axis=-1)[..., None]
@@ -392,7 +394,8 @@ def _joined_faces(along_u: int, along_v: int, u0: int, u1: int, v0: int, v1: int
             c, d = _inner(i + 1, j + 1, ring, along_v), _inner(i, j + 1, ring, along_v)
             faces += [(a, b, c), (a, c, d)]
     us, vs = range(1, along_u), range(1, along_v)
-    # Counter-clockwise: the points of each side from corner to corner, and the adjacent points of the grid.
+    # For each side, counter-clockwise: its segment count, its first point, the grid's segment count, and the
+    # adjacent points of the grid.
     sides = [
         (v0, 0, along_u, [_inner(i, 1, ring, along_v) for i in us]),
         (u1, v0, along_v, [_inner(along_u - 1, j, ring, along_v) for j in vs]),

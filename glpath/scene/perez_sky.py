@@ -33,7 +33,7 @@ SOLAR_CONSTANT = 1367.0
 #: Precipitable water in centimetres if no dew point is known.
 PRECIPITABLE_WATER = 2.0
 
-# Clearness at which the second to the last row of coefficients begin.
+# Clearness at which each row of coefficients begins, from the second row on.
 _BINS = np.array([1.065, 1.230, 1.500, 1.950, 2.800, 4.500, 6.200])
 _CLEARNESS, _BRIGHTNESS = (1.0, 12.0), (0.01, 0.6)
 # Perez 1993, table 1: for each row, x1 to x4 of a, b, c, d and e.
@@ -55,7 +55,7 @@ _COEFFICIENTS = np.array([
     [-1.0500, 0.0289, 0.4260, 0.3590, -0.3250, 0.1156, 0.7781, 0.0025, 31.0625, -14.5000,
      -46.1148, 55.3750, -7.2312, 0.4050, 13.3500, 0.6234, 1.5000, -0.6426, 1.8564, 0.5636],
 ]).reshape(8, 5, 4)  # fmt: skip
-# Perez 1990, table 4: a to d of the efficacy of diffuse and of direct light.
+# Perez 1990, table 4: coefficients a to d of the luminous efficacy, first of diffuse, then of direct light.
 _DIFFUSE_EFFICACY = np.array([
     [97.24, -0.46, 12.00, -8.91], [107.22, 1.15, 0.59, -3.95], [104.97, 2.96, -5.53, -8.77],
     [102.39, 5.59, -13.95, -13.90], [100.71, 5.94, -22.75, -23.74], [106.42, 3.83, -36.15, -28.83],
@@ -196,7 +196,7 @@ class Daylight(NamedTuple):
     def environment(self, up: Float64, size: tuple[int, int] = SKY_SIZE, solar: bool = False) -> Environment:
         """Return the sky as an environment map with a sun.
 
-        The irradiance of open ground is exact for the filtered map.
+        The bilinearly filtered map gives open ground exactly the diffuse irradiance `diffuse`.
 
         up    : (3,) float64 unit
         size  : rows and columns of the map

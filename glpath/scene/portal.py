@@ -21,7 +21,8 @@ from glpath.errors import SceneError
 
 #: Maximum number of portals in a scene: each vertex computes the solid angle of each.
 MAX_PORTALS = 16
-# Tolerance relative to edge lengths, for opposite edges and right angles, as of coordinates with four digits.
+# Maximum difference of opposite edges, relative to their length, and maximum cosine of a right angle. It allows
+# coordinates that are rounded to four digits.
 _TOLERANCE = 1e-3
 
 

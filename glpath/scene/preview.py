@@ -1,9 +1,9 @@
 """Scene previews for notebooks: a small image made on the CPU, and tables of the contents.
 
 Engines are avoided on purpose: viewing a scene needs no OpenGL, no context and no compilation, and no driver can
-fail. The method is the T-buffer in numpy. For each primitive, it casts the rays of pixels in the projection, and
-keeps (primitive, depth) if it is nearer. Each hit is lit from the eye. Textures are replaced by their mean colour,
-and lamps are as bright as white.
+fail. The method is the T-buffer in numpy. For each primitive, it casts the rays of the pixels that the primitive
+may cover, and keeps (primitive, depth) for the nearest hit. Each hit is lit from the eye. Textures are replaced by
+their mean colour, and lamps are as bright as white.
 
 Cost: a fraction of a millisecond for a large primitive; small primitives are processed together.
 """
@@ -36,7 +36,7 @@ _BACKGROUND = 0.8
 _SMALL = 8
 # Fraction of a surface's shading that does not depend on its orientation.
 _FLAT = 0.3
-# Distance, in scene sizes, from which a pinhole's rays are nearly parallel.
+# Distance, in scene sizes, of a pinhole that replaces an orthographic camera: its rays are nearly parallel.
 _AFAR = 1e3
 
 
@@ -146,7 +146,10 @@ class _View:
         self.stretch = np.sqrt(1 + self.x**2 + self.y[:, None] ** 2)
 
     def windows(self, corners: Float64) -> NDArray[np.int64]:
-        """Return (N, 4) first and last + 1 column, first and last + 1 row, of bodies inside corners (N, K, 3)."""
+        """Return the (N, 4) windows of pixels that contain the images of bodies inside corners (N, K, 3).
+
+        A window is the first column, the last column + 1, the first row, and the last row + 1.
+        """
         width, height = self.size
         at = corners - self.eye
         depth = at @ self.forward
@@ -266,7 +269,7 @@ def _triangle_depth(along: Sequence[Float64], volume: float | Float64) -> Float6
 
 
 def _sphere_depth(start: Float64, to: Float64) -> Float64:
-    """Return depths, infinite outside the sphere.
+    """Return depths, infinite for rays that miss the sphere.
 
     start, to : (3, ...) eye and directions, in the space of the unit sphere
     """

@@ -24,8 +24,8 @@ Float64 = NDArray[np.float64]
 class LightProfile:
     """Intensities on a regular grid of angles, with bilinear interpolation.
 
-    candela : (C, G) float64, cd, which `Light.intensity` converts to the unit of the scene. Rows for C = 0, 360 /
-              C, ... below 360 degrees; columns for gamma from the first of `gamma` to the last; G >= 2
+    candela : (R, G) float64, cd; `Light.intensity` converts it to the unit of the scene. Rows are for C = 0, 360 /
+              R, ... degrees; columns for equal steps of gamma from the first of `gamma` to the last; G >= 2
     gamma   : (first, last) in degrees, 0 <= first < last <= 180; the intensity is 0 outside
     """
 
@@ -46,8 +46,8 @@ class LightProfile:
     def flux(self) -> float:
         """Total flux in lumens: the integral of `intensity` over the sphere.
 
-        Exact: between two columns the intensity is linear in gamma, and its product with sin(gamma) has an
-        antiderivative.
+        It is exact, because the intensity is linear in gamma between two columns, so that its product with
+        sin(gamma) has an antiderivative.
         """
         mean = self.candela.mean(axis=0)
         edges = np.radians(np.linspace(*self.gamma, len(mean)))
@@ -58,9 +58,10 @@ class LightProfile:
         return float(2 * np.pi * parts.sum())
 
     def cells(self) -> Float64:
-        """Return the (C * (G - 1), 4) float64 corners of cells, in the order of C, which the device looks up.
+        """Return the (R * (G - 1), 4) float64 intensities at the corners of grid cells, for look-ups on the device.
 
-        The corners are (C, gamma), (C, next gamma), (next C, gamma) and (next C, next gamma).
+        Cells are listed row by row. The corners of a cell are (C, gamma), (C, next gamma), (next C, gamma) and
+        (next C, next gamma).
         """
         beside = np.roll(self.candela, -1, axis=0)
         corners = (self.candela[:, :-1], self.candela[:, 1:], beside[:, :-1], beside[:, 1:])
@@ -69,7 +70,7 @@ class LightProfile:
     def intensity(self, directions: Float64, axis: Float64, c0: Float64) -> Float64:
         """Return (N,) float64 intensities in cd, in unit directions (N, 3) from the light.
 
-        `lights/profile.glsl` is the same for the GPU.
+        `lights/profile.glsl` is the GPU version.
 
         axis, c0 : (3,) unit, perpendicular: direction of gamma = 0, and direction of C = 0, gamma = 90
         """
@@ -93,5 +94,5 @@ class LightProfile:
         return np.asarray(np.where(inside, (1 - s) * low + s * high, 0.0))
 
 
-#: Tolerance in degrees at the edge of a profile.
+#: Tolerance in degrees for rounding errors at the first and the last gamma of a profile.
 ANGLE_ROUNDING = 1e-4

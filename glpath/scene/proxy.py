@@ -25,8 +25,8 @@ Int64 = NDArray[np.int64]
 
 #: Maximum number of triangles of all proxies in a scene, for which a radiosity solution takes seconds.
 TRIANGLES = 16_384
-# Number of cells along the longest side of the box around all streams, in the first grid; also the smallest cell
-# size of the search.
+# Number of cells along the longest side of the box around all streams in the first grid. The search tries no
+# smaller cells.
 _FINEST = 256
 # Number of bisection steps in the search for the cell size, on a logarithmic scale.
 _STEPS = 8
@@ -58,7 +58,10 @@ class Proxies:
 
 
 def with_proxies(scene: Scene, triangles: int = TRIANGLES) -> Proxies:
-    """Return the scene with about `triangles` triangles instead of streamed ones, or all if there are fewer."""
+    """Return the scene with at most `triangles` proxy triangles instead of its streams.
+
+    If the streams have no more triangles than that, all are used unchanged.
+    """
     resident = [shape for shape in scene.shapes if not isinstance(shape.geometry, Stream)]
     streamed = [scene.shapes[index] for index, _ in scene.shapes.streams]
     surfaces, cell = _proxies(
@@ -66,7 +69,7 @@ def with_proxies(scene: Scene, triangles: int = TRIANGLES) -> Proxies:
     )
     shapes = [*resident, *(_as_mesh(*pair) for pair in zip(streamed, surfaces, strict=True) if len(pair[1].faces))]
     found, first = replace(scene, shapes=Shapes(shapes)), Shapes(resident).total("triangle")
-    # Each corner has the area of its triangle.
+    # The weights contain the area of each triangle three times, once for each corner.
     streamed_area = sum(float(surface.weights.sum()) for surface in surfaces) / 3.0
     return Proxies(found, first, cell, float(found.areas[first:].sum()) / streamed_area)
 
@@ -84,7 +87,8 @@ def _proxies(streams: list[Stream], triangles: int) -> tuple[list[_Surface], flo
     extent = float(np.max([stream.bounds[1] - lower for stream in streams]))
     finest = extent / _FINEST
     fine = [_clustered_stream(stream, lower, finest) for stream in streams]
-    # Smallest cells that leave few enough triangles. The fine grid is in memory and can be clustered again quickly.
+    # Find the smallest cells that leave few enough triangles. The fine surfaces are in memory, so clustering them
+    # again is quick.
     small, large = np.log(finest), np.log(extent)
     found, cell = [_clustered(surface, lower, extent) for surface in fine], extent
     for _ in range(_STEPS):
@@ -126,7 +130,7 @@ class _Merged:
             corners, areas = triangles.reshape(-1, 3), _corner_areas(triangles)
             keys = _keys(corners, lower, cell)
             waiting.append((*_summed(keys, corners * areas[:, None], areas), _distinct(keys.reshape(-1, 3))))
-            # Merging after each chunk would take time proportional to the square of their number.
+            # Merging after each chunk would take time proportional to the square of the number of chunks.
             if sum(len(part[0]) for part in waiting) > len(self.cells):
                 self._merge(waiting)
         self._merge(waiting)
@@ -162,13 +166,13 @@ def _keys(points: Float64, lower: Float64, cell: float) -> Int64:
 
 
 def _corner_areas(triangles: Float64) -> Float64:
-    """Return (3 F,) areas: for each corner, that of its triangle, for triangles (F, 3, 3)."""
+    """Return (3 F,) areas of triangles (F, 3, 3), repeated for each of the three corners."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     return np.repeat(0.5 * np.linalg.norm(cross, axis=1), 3)
 
 
 def _distinct(faces: Int64) -> Int64:
-    """Return faces (F, 3) with three distinct corners, each once, starting at the smallest corner."""
+    """Return the faces (F, 3) with three distinct corners, each once, rotated to start at the smallest corner."""
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     first = faces.argmin(axis=1)[:, None]
     rows = np.ascontiguousarray(np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1))

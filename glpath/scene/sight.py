@@ -72,7 +72,7 @@ def _seen_by_parallel_rays(camera: Camera, scene: Scene) -> bool:
 
 
 def _sees_boxes(camera: Camera, stream: Stream) -> bool:
-    """Return True if the box around any chunk intersects the pyramid. Chunks are not read."""
+    """Return True if the box around any chunk intersects the view pyramid. Chunks are not read."""
     unit, faces = box((0, 0, 0), (1, 1, 1))
     corners = stream.lower[:, None] + unit * (stream.upper - stream.lower)[:, None]
     return sees_triangles(camera, corners[:, faces].reshape(-1, 3, 3))
@@ -81,7 +81,8 @@ def _sees_boxes(camera: Camera, stream: Stream) -> bool:
 def _sees_planes(camera: Camera, planes: Float64) -> bool:
     """Return True if any plane (P, 3, 4) is visible.
 
-    Only the pyramid's edges are tested, because one of them approaches a plane most of all rays.
+    Only the edges of the view pyramid are tested, because one of them approaches a plane faster than all other
+    rays.
     """
     normal = planes[:, :, 2]
     height = np.sum(normal * (camera.position - planes[:, :, 3]), axis=1)
@@ -91,7 +92,7 @@ def _sees_planes(camera: Camera, planes: Float64) -> bool:
 def _sees_spheres(camera: Camera, spheres: Float64) -> bool:
     """Return True if any sphere (S, 3, 4) is visible.
 
-    A sphere is visible if the pyramid is nearer than 1 to the origin, in the space of the unit sphere.
+    A sphere is visible if the view pyramid, in the space of the unit sphere, is nearer than 1 to the origin.
     """
     if not len(spheres):
         return False
@@ -126,7 +127,7 @@ def _sees_spheres(camera: Camera, spheres: Float64) -> bool:
 def sees_triangles(camera: Camera, triangles: Float64) -> bool:
     """Return True if any triangle (T, 3, 3) is visible.
 
-    A triangle intersects the pyramid if an edge of it does, or if an edge of the pyramid passes through it.
+    A triangle intersects the view pyramid if one of its edges does, or if an edge of the pyramid passes through it.
     """
     return any(_sees_some(camera, part) for part in _chunks(triangles))
 
@@ -149,8 +150,8 @@ def _triangles(scene: Scene) -> Iterator[Float64]:
 def _about(scene: Scene, index: int, point: Float64, margin: float = 0.0) -> Iterator[Float64]:
     """Yield a shape's triangles in chunks.
 
-    If the scene has many, only instances are included whose box, widened by `margin`, contains the point. An
-    instance can then enclose the point alone, but several instances cannot enclose it together.
+    If the scene has many triangles, only those instances are included whose box, widened by `margin`, contains the
+    point. A point that only several instances together enclose may then be missed.
     """
     shape = scene.shapes[index]
     if not _are_many(scene):
@@ -173,11 +174,11 @@ def _sees_some(camera: Camera, triangles: Float64) -> bool:
     points = triangles - camera.position
     z = points @ forward
     x, y = points @ right - across * z, points @ up - above * z
-    # (T, 3 corners, 4 sides), above 0 inside; together these imply z >= 0
+    # (T, 3 corners, 4 sides), positive if a corner is inside a side; a corner inside all four has z >= 0
     inside = np.stack([tan_right * z - x, tan_right * z + x, tan_up * z - y, tan_up * z + y], axis=2)
     if (inside > 0).all(axis=2).any():
         return True
-    near = ~np.any((inside < 0).all(axis=1), axis=1)  # the others are entirely outside one side
+    near = ~np.any((inside < 0).all(axis=1), axis=1)  # all other triangles are outside one side
     if not near.any():
         return False
     start = inside[near]
@@ -214,7 +215,8 @@ def touched_shape(scene: Scene) -> Shape | None:
     margin = _TOUCHING * float(np.linalg.norm(upper - lower))
     eye = scene.camera.position
     height = np.abs(np.sum(scene.planes[:, :, 2] * (eye - scene.planes[:, :, 3]), axis=1))
-    # The bounds of a scene of planes only have no size, but the view has a length.
+    # If the scene has only planes, its bounds may have no size. The tolerance is then relative to the view's
+    # length.
     view = _TOUCHING * float(np.linalg.norm(scene.camera.target - eye))
     if (hits := np.flatnonzero(height <= (margin or view))).size:
         return owner("plane", hits[0])
@@ -229,7 +231,7 @@ def touched_shape(scene: Scene) -> Shape | None:
 
 
 def _near_spheres(spheres: Float64, point: Float64, margin: float = 0.0) -> NDArray[np.bool_]:
-    """Return (S,) bool: True if the point is inside the box around the sphere."""
+    """Return (S,) bool: True if the point is inside the box around the sphere, widened by `margin`."""
     return np.asarray((np.abs(point - spheres[:, :, 3]) <= sphere_extent(spheres) + margin).all(axis=1))
 
 
@@ -246,7 +248,9 @@ def _from_surface(spheres: Float64, point: Float64) -> tuple[Float64, Float64]:
 
 
 def enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
-    """Return (number of shapes,) int: 1 for a shape that encloses the point, fronts outward, -1 inward, else 0.
+    """Return (number of shapes,) int: 1 or -1 for a shape that encloses the point, 0 for any other shape.
+
+    It is 1 if the shape's fronts face outward, and -1 if they face inward.
 
     For triangles this is the winding number.
     """
@@ -268,7 +272,7 @@ def _shapes_about(scene: Scene, point: Float64, margin: float = 0.0) -> NDArray[
 
 
 def winding_number(triangles: Float64, point: Float64) -> float:
-    """Return the winding number of triangles (T, 3, 3) around a point: their solid angle over 4 pi.
+    """Return the winding number of triangles (T, 3, 3) around a point: their solid angle divided by 4 pi.
 
     A. van Oosterom, J. Strackee, "The solid angle of a plane triangle", 1983.
     """
@@ -285,7 +289,7 @@ def _solid_angle(corners: Float64) -> float:
 
 
 def _touched_triangles(corners: Float64, margin: float) -> NDArray[np.intp]:
-    """Return the indices of triangles (T, 3, 3) on which the origin lies."""
+    """Return the indices of triangles (T, 3, 3) on which the origin lies, within `margin`."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     lower, upper = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     about = np.flatnonzero(((lower <= margin) & (upper >= -margin)).all(axis=1))
@@ -294,7 +298,7 @@ def _touched_triangles(corners: Float64, margin: float) -> NDArray[np.intp]:
     normals = np.cross(edges[:, 0], edges[:, 1])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     height = np.abs(np.sum(corners[:, 0] * normals, axis=1))
-    # distance of the origin inside each edge
+    # Distance of the origin from each edge in the triangle's plane, positive inside.
     within = np.sum(np.cross(edges, -corners) * normals[:, None], axis=2)
     within /= np.maximum(np.linalg.norm(edges, axis=2), np.finfo(float).tiny)
     return np.asarray(about[(height <= margin) & (within >= -margin).all(axis=1)])

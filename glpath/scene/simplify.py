@@ -2,8 +2,9 @@
 
 Meshes are simplified by quadric error metrics (Garland & Heckbert 1997, by the library fast-simplification).
 Emitting shapes are not simplified, because light samples are drawn on them. Shapes with textures, vertex colours or
-transparency are not, because surface positions would be lost. A mesh must stay within a thousandth of the scene's
-diameter (99 of 100 vertices); otherwise it keeps more triangles.
+transparency are not, because their textures and colours could not be mapped to the simpler surface. 99 of 100
+vertices of a mesh must be within a thousandth of the scene's diameter from the simpler surface. Otherwise the mesh
+keeps more triangles.
 
 Cost:     about 3 µs a triangle, once.
 Poor at:  leaves, grass and nets, whose area changes.
@@ -27,11 +28,11 @@ MIN_FACES = 64
 _MAX_DEVIATION = 1e-3
 # Aggressiveness of the library, 0 to 10: readiness to change the shape for fewer triangles; its default is 7.
 _AGGRESSION = 2
-# Maximum number of vertices whose deviation is measured.
+# Maximum number of a mesh's vertices whose deviation is measured.
 _ASKED = 20_000
-# Number of points on the simpler surface to which the deviation is measured.
+# Number of sample points spread over the simpler surface to measure the deviation.
 _POINTS = 1 << 16
-# Number of these points nearest to a vertex, to whose triangles the vertex is compared.
+# Number of sample points nearest to a vertex. Its deviation is the distance from the nearest of their triangles.
 _NEAR = 12
 
 
@@ -40,8 +41,8 @@ class Simplified:
     """Simplified scene.
 
     scene     : scene with the same shapes in the same order
-    deviations : for each shape, the distance in scene units within which 99 of 100 vertices lie of its simpler
-                 surface
+    deviations : for each shape, a distance in scene units: 99 of 100 original vertices are within it from the
+                 simpler surface
     """
 
     scene: Scene
@@ -54,9 +55,9 @@ class Simplified:
 
 
 def simplified(scene: Scene, share: float) -> Simplified:
-    """Return the scene with about a fraction `share`, in (0, 1], of its meshes' triangles, or more, see above.
+    """Return the scene with meshes that have about a fraction `share`, in (0, 1], of their triangles.
 
-    Raises UsageError if the library is missing.
+    A mesh keeps more triangles if it would deviate too much. Raises UsageError if the library is missing.
     """
     made: dict[tuple[Mesh, float], tuple[Mesh, float]] = {}
     shapes, deviations = [], []
@@ -167,7 +168,7 @@ def _deviation(points: Float64, mesh: Mesh) -> float:
 
 
 def _distance(points: Float64, triangles: Float64) -> Float64:
-    """Return the (N,) distance of each point (N, 3) from its triangle (N, 3, 3): from the interior or an edge."""
+    """Return the (N,) distance of each point (N, 3) from the triangle (N, 3, 3) in the same row."""
     best = np.full(len(points), np.inf)
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     inside = np.ones(len(points), np.bool_)

@@ -4,8 +4,8 @@ Both classes have the same methods: `radiance` in directions, its integral, and 
 the radiance.
 
 Source:   Pharr, Jakob & Humphreys 2023, Physically based rendering, 12.5, for light from a map. Here each texel is
-          a tent, and bilinear filtering is the sum of tents. Directions drawn from the tents have exactly the
-          density of the filtered map; tables of pbrt and Mitsuba have it only approximately.
+          a tent function, and bilinear filtering is the sum of tents. Directions drawn from the tents have exactly
+          the density of the filtered map; tables of pbrt and Mitsuba have it only approximately.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ from glpath.scene.sun import Sun
 
 Float64 = NDArray[np.float64]
 
-# Largest ratio of radiance to `typical_radiance` that an image's sums have bits for (2**24 in `glpath.gl.sums`).
+# Maximum ratio of a sky's maximum radiance to its `typical_radiance`. The sums of an image can hold it, because
+# they hold nearly 2**24 times the typical radiance (`glpath.gl.sums`).
 _SUMS_HOLD = 2.0**20
-# Largest radiance whose square fits a 32-bit float, as in scene files.
+# Maximum radiance, as in scene files. Its square fits into a 32-bit float.
 _LARGEST = 1e15
-# Ratio of a row's power to the mean power above which the row counts as having a sun.
+# Ratio of a half row's power to the mean of all half rows, above which the half row counts as having a sun.
 _SUN = 4.0
-# Number of Newton steps; the first guess is exact if the sine is constant.
+# Number of Newton steps in `_Halves.angles`. The first guess would be exact if the sine were constant.
 _STEPS = 4
 
 
@@ -108,7 +109,7 @@ class Environment:
     y, z, x. With y up, that is +z, as in Mitsuba; with z up, +x, as in Blender. three.js, and Blender's exports
     with y up, have the centre along +x, which is a rotation of 90.
 
-    Cost:     16 bytes a texel on the device, 20 here.
+    Cost:     16 bytes a texel on the device, 20 in main memory.
     Poor at:  suns much smaller than a texel, whose shadows are as soft as the texel is large: use `sun`.
 
     Raises SceneError for values that are not valid radiance.
@@ -176,7 +177,7 @@ class Environment:
     def radiance(self, directions: ArrayLike) -> Float64:
         """Return the (..., 3) radiance in unit directions (..., 3), W sr^-1 m^-2.
 
-        `lights/sky.glsl` is the same for the GPU.
+        `lights/sky.glsl` is the GPU version.
         """
         wi = np.asarray(directions, np.float64)
         x, y, z = np.moveaxis(wi.reshape(-1, 3) @ self.frame.T, 1, 0)
@@ -204,7 +205,7 @@ class Environment:
 
     @cached_property
     def sun_share(self) -> float:
-        """Fraction of `mean_integral` from the sun, and fraction of `directions` inside it."""
+        """Fraction of `mean_integral` that the sun's disc emits, and fraction of `directions` inside the disc."""
         if self.sun is None or not self.mean_integral > 0:
             return 0.0
         return float(self.sun.integral.mean()) / self.mean_integral
@@ -224,8 +225,8 @@ class Environment:
     def typical_radiance(self) -> float:
         """Radiance of bright surfaces, as needed by `glpath.lights.lighting.max_radiance`.
 
-        It is that of a white surface that receives all light perpendicularly, if it is below the maximum of the
-        map. A small sun is far brighter than all surfaces that it lights.
+        It is the radiance of a white surface that receives all light perpendicularly, but at most the sky's maximum
+        radiance. A small sun is far brighter than all surfaces that it lights.
         """
         white = float(self.integral.max()) / np.pi
         return max(min(self.max_radiance, white), self.max_radiance / _SUMS_HOLD)
@@ -259,7 +260,10 @@ class Environment:
 
     @property
     def split(self) -> float:
-        """Value of `directions`' first number that divides the map into two lights: suns and rest, or halves."""
+        """Value of the first number of `directions` that divides the sky into two lights.
+
+        Below it are the suns, above it is the rest. Without suns it is 0.5.
+        """
         bright = self.sun_share or self._tables.bright
         return bright if 0 < bright < 1 else 0.5
 
@@ -267,9 +271,11 @@ class Environment:
     def choices(self) -> tuple[Float64, NDArray[np.intp], Float64, Float64]:
         """Tables of `directions`, without the sun, for shaders that do the same.
 
-        Returns (2 h + 1,) the cumulative probability of half rows; (2 h,) the numbers of these halves, 2 i for the
-        upper half of row i; (2 h,) the integral of each half's tent over the angle, sine included, in rows; and (h,
-        w + 1) the cumulative probability of each row's texels.
+        Returns four tables:
+        - (2 h + 1,) cumulative probability of half rows;
+        - (2 h,) numbers of these half rows, 2 i for the upper half of row i;
+        - (2 h,) integral over the angle, in rows, of each half's tent times the sine of the angle;
+        - (h, w + 1) cumulative probability of each row's texels.
         """
         tables = self._tables
         return tables.rows, tables.order, self._halves.mass, tables.columns
@@ -287,7 +293,7 @@ class Environment:
         bright = power > _SUN * power.mean()
         order = np.argsort(~bright, kind="stable")
         rows = np.concatenate([[0.0], np.cumsum(power[order])])
-        # Rows without light are never chosen, but are divided by their sum.
+        # Rows without light are never chosen, but their sum of 0 must not be a divisor.
         rows /= max(rows[-1], np.finfo(float).tiny)
         columns /= np.maximum(columns[:, -1:], np.finfo(float).tiny)
         return _Tables(order, rows, columns, float(rows[np.count_nonzero(bright)]))
@@ -311,10 +317,10 @@ class _Tables(NamedTuple):
 def _chosen(cdf: Float64, row: NDArray[np.intp], u: Float64) -> tuple[NDArray[np.intp], Float64]:
     """Return entries of tables cdf (R, n + 1), selected by u (N,) in [0, 1), and the remainder of u, rescaled.
 
-    row : (N,) table of each number
+    row : (N,) index of the table for each u
     """
     low, high = np.zeros(len(u), np.intp), np.full(len(u), cdf.shape[1] - 1)
-    # Find the last entry not above u, by bisection, because each number has its own table.
+    # Find the last entry not above u, by bisection, because each u has its own table.
     for _ in range(int(cdf.shape[1] - 1).bit_length()):
         middle = (low + high) // 2
         below = cdf[row, middle] <= u
@@ -324,7 +330,7 @@ def _chosen(cdf: Float64, row: NDArray[np.intp], u: Float64) -> tuple[NDArray[np
 
 
 class _Halves(NamedTuple):
-    """Upper and lower halves of the tents of h rows, as weights of the angle from up, sine included.
+    """Upper and lower halves of the tents of h rows, as functions of the angle from up, times its sine.
 
     A tent falls linearly from its row's centre to the centres of the adjacent rows. It is flat beyond the first and
     the last row's centre, and at the horizon of a map that is cut there.
@@ -333,7 +339,7 @@ class _Halves(NamedTuple):
     sign : (2 h,) +1 or -1, direction in which the half extends from there
     flat : (2 h,) bool: True if it is flat up to a pole
     even : (2 h,) bool: True if it is flat up to the horizon
-    mass : (2 h,) its integral
+    mass : (2 h,) its integral over the angle, in rows
     """
 
     foot: Float64
@@ -363,7 +369,7 @@ class _Halves(NamedTuple):
         """Return (N,) angles from up inside halves (N,), from u (N,) in [0, 1)."""
         foot, sign = self.foot[half], self.sign[half]
         whole = self.mass[half] * step
-        # Newton iteration on the root of the fraction, which is nearly linear.
+        # Newton iteration on the square root of the cumulative fraction, which is nearly linear in w.
         wanted = np.sqrt(u)
         w = wanted.copy()
         for _ in range(_STEPS):

@@ -31,7 +31,7 @@ def open_ground(sky: Sky | Environment) -> Float64:
     up = sky.up / np.linalg.norm(sky.up)
     height, width = SKY_SIZE
     nodes, weights = np.polynomial.legendre.leggauss(height)
-    sine = 0.5 * (nodes + 1)  # of the elevation: equal steps have equal solid angles
+    sine = 0.5 * (nodes + 1)  # sine of the elevation, of which equal steps have equal solid angles
     level = texel_directions(up, (2, width))[0]
     level -= (level @ up)[:, None] * up
     level /= np.linalg.norm(level, axis=1, keepdims=True)

@@ -18,7 +18,7 @@ GLAZING_IOR = 1.52
 
 
 def slab(cosine: ArrayLike, ior: float, inside: ArrayLike) -> tuple[Float64, Float64]:
-    """Return the reflectance and transmittance of a sheet. `shaders/bsdf/slab.glsl` is the same for the GPU.
+    """Return the reflectance and transmittance of a sheet. `shaders/bsdf/slab.glsl` is the GPU version.
 
     Shapes are broadcast.
 
@@ -43,7 +43,7 @@ def clearest(ior: float) -> float:
 
 
 def between_faces(reflectance: ArrayLike) -> Float64:
-    """Return the reflectance of a clear sheet from that of one face, without polarization."""
+    """Return the reflectance of a clear sheet from that of one face, ignoring polarization."""
     f = np.asarray(reflectance, np.float64)
     return np.asarray(2 * f / (1 + f))
 

@@ -12,7 +12,7 @@ Float64 = NDArray[np.float64]
 
 
 def spot_fade(cosine: ArrayLike, full: ArrayLike, end: ArrayLike) -> Float64:
-    """Return the fraction of a spot's intensity in a direction; `punctual.glsl` is the same for the GPU.
+    """Return the fraction of a spot's intensity in a direction; `punctual.glsl` is the GPU version.
 
     cosine : cosine of the angle between direction and axis
     full   : cosine of the angle up to which the light is full

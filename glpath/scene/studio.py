@@ -1,9 +1,9 @@
 """Neutral studio: light for images of models that bring no light.
 
 The studio is an environment map of large, soft, white lights in a grey room. It has a key light from the upper
-left, a fill light from the right, and two rim lights from behind. The backdrop is such that glass in front of it
-appears nearly as bright as the background. A white, level ground has radiance 1, and a white wall facing the front
-nearly as much.
+left, a fill light from the right, and two rim lights from behind. The brightness of the backdrop is chosen so that
+glass in front of it appears nearly as bright as the background. A white, level ground has radiance 1, and a white
+wall facing the front nearly as much.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from glpath.scene.sky import Environment
 Float64 = NDArray[np.float64]
 
 _HEIGHT, _WIDTH = 64, 128
-# Radiance of the room straight down, relative to the lights.
+# Radiance of the room straight down, in the unit of `_Softbox.radiance`.
 _FLOOR = 0.55
-# Radiance of the room at the horizon, relative to the lights.
+# Radiance of the room at the horizon, in the same unit.
 _HORIZON = 0.24
-# Radiance of the room straight up, relative to the lights.
+# Radiance of the room straight up, in the same unit.
 _ZENITH = 0.4
 # Distance of the ground below a model, in diagonals of the model.
 _BELOW = 1e-4
@@ -36,6 +36,7 @@ class _Softbox(NamedTuple):
 
     azimuth, elevation : centre in degrees; azimuth 0 is +z, where the front of a model faces, and 90 is +x
     wide, high : size in degrees
+    radiance   : radiance before the map is scaled so that a white, level ground has radiance 1
     """
 
     azimuth: float
@@ -55,7 +56,7 @@ _LIGHTS = (
 
 
 def nearest_axis(up: Float64) -> Float64:
-    """Return the (3,) unit vector along the axis nearest to `up`."""
+    """Return the (3,) unit vector along the coordinate axis nearest to `up`."""
     index = int(np.argmax(np.abs(up)))
     axis = np.zeros(3)
     axis[index] = np.sign(up[index])
@@ -74,7 +75,8 @@ def ground_below(lower: Float64, upper: Float64, axis: Float64) -> Float64:
 def studio(up: tuple[float, float, float] = (0.0, 1.0, 0.0)) -> Environment:
     """Return the environment map of the studio, marked as `assumed`, because it substitutes for missing light.
 
-    up : an axis. The front of models faces the eye, as in `glpath.scene.camera.upright_from_world`
+    up : unit vector along a coordinate axis. The front of models is that of
+         `glpath.scene.camera.upright_from_world`
     """
     return _studio(up)
 

@@ -77,7 +77,7 @@ class Sun:
         return self.radiance_of_disc * self.solid_angle
 
     def radiance(self, directions: ArrayLike) -> Float64:
-        """Return the (..., 3) radiance in unit directions (..., 3). `lights/sky.glsl` is the same for the GPU.
+        """Return the (..., 3) radiance in unit directions (..., 3). `lights/sky.glsl` is the GPU version.
 
         The unit is W sr^-1 m^-2.
         """

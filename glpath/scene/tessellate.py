@@ -16,8 +16,8 @@ from glpath.errors import warn_at
 from glpath.scene.model import Float64, Int32, Mesh, placed
 from glpath.scene.source_location import SourceLocation
 
-# Ratio of height to longest edge below which a triangle counts as having no area: the GPU stores corners in 32
-# bits.
+# Ratio of height to longest edge up to which a triangle counts as having no area, because the GPU stores corners as
+# 32-bit floats.
 FLAT = 1e-7
 
 # Faces of a cube by corner number; bits 0, 1 and 2 of a corner number select the upper end of x, y and z.
@@ -146,7 +146,7 @@ def _sphere_uv(corners: Float64) -> Float64:
 
 def _icosahedron_faces(vertices: Float64) -> Int32:
     """Return the 20 triples of mutually nearest vertices, facing outward; vertices are (12, 3), unit length."""
-    near = vertices @ vertices.T > 0.4  # neighbours are 63.4 degrees apart: cosine 0.447; the next ones -0.447
+    near = vertices @ vertices.T > 0.4  # cosine 0.447 for adjacent vertices, -0.447 for the next nearest
     triples = [
         (i, j, k)
         for i in range(12)

@@ -47,14 +47,15 @@ def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True)
         else shape
         for index, shape in enumerate(scene.shapes)
     ]
-    # The origin was chosen for the spheres; their triangles have a slightly smaller box.
+    # Keep the origin that was chosen for the spheres. Their triangles have a slightly smaller box, and so perhaps
+    # another origin.
     return replace(scene, shapes=Shapes(shapes), centred_by=scene.origin if centred else scene.centred_by)
 
 
 def _moving(shape: Shape, opened: float, textured: bool, location: SourceLocation) -> Shape:
-    """Return `_tessellated` for a shape that may move.
+    """Return the result of `_tessellated` for a shape that may move, with the same motion.
 
-    opened : time when the shutter opens
+    opened : time in seconds when the shutter opens
     """
     if shape.motion is None:
         return _tessellated(shape, textured, location)
@@ -67,7 +68,8 @@ def _tessellated(shape: Shape, textured: bool, location: SourceLocation) -> Shap
     """Return the shape with instances of a shared icosphere instead of spheres."""
     mesh, matrices = unit_sphere(shape.subdivisions, with_uv=textured), shape.world_from_object
     if (np.linalg.det(matrices[:, :, :3]) < 0).all():
-        # Winding is reversed twice, so that a sphere seen from inside has the triangles of one seen from outside.
+        # Mesh and maps are both mirrored, so that a sphere with its front inside has the same triangles as one with
+        # its front outside.
         mesh, matrices = mesh.turned(), turned(matrices)
         if mesh.uv is not None:
             mesh = replace(mesh, uv=mesh.uv * [-1.0, 1.0])  # longitude is reversed too

@@ -14,8 +14,8 @@ from glpath.io.library import load_scene
 from glpath.scene.model import Scene
 from glpath.system.files import is_stream
 
-#: Default depth of `glpath.render`: all bounces. With it Mitsuba computes the same light; it ends paths by
-#: roulette.
+#: Default maximum depth. It stands for all bounces, the default of `glpath.render`, so that Mitsuba computes the
+#: same light. Mitsuba ends long paths by Russian roulette.
 MAX_DEPTH = 1000
 SPP = 64
 _MITSUBA, _GLTF = ".xml", ".glb"

@@ -129,12 +129,13 @@ def write_facets(facets: Facets, up: Float64, path: Path) -> None:
 def cells(
     extent: tuple[float, float, float, float], shape: tuple[int, int], axes: tuple[int, int, int], height: float
 ) -> NDArray[np.float64]:
-    """Return the corners of the cells of a grid in a plane across an axis, row by row, (rows * columns, 4, 3).
+    """Return the (rows * columns, 4, 3) corners of grid cells, row by row, in a plane perpendicular to an axis.
 
     extent : start and end of the grid along the first axis in the plane, then along the second
     shape  : (rows, columns)
-    axes   : indices of the two axes in the plane, columns along the first, and of the axis across it
-    height : coordinate along the axis across the plane
+    axes   : indices of the axis along which columns advance, of that along which rows advance, and of the
+             perpendicular axis
+    height : coordinate along the perpendicular axis
     """
     rows, columns = shape
     u, v = np.linspace(*extent[:2], columns + 1), np.linspace(*extent[2:], rows + 1)

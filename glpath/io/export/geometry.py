@@ -10,7 +10,7 @@ from glpath.scene.geometry import Float64, Mesh, Shape, Shapes
 from glpath.scene.model import Scene
 from glpath.scene.triangulate import path_traceable
 
-#: Half side of the square that replaces an infinite plane, over the diagonal of the scene with its camera.
+#: Half side of the square that replaces an infinite plane, in diagonals of the box around the scene and its camera.
 _HORIZON = 100.0
 
 
@@ -34,7 +34,7 @@ class Notes:
 
 
 def listed(names: list[str]) -> str:
-    """Return the first names in quotation marks."""
+    """Return a text with the first three names, in quotation marks and separated by commas."""
     return ", ".join(f'"{name}"' for name in names[:3]) + (", ..." if len(names) > 3 else "")
 
 
@@ -46,7 +46,7 @@ def at_opening(scene: Scene, notes: Notes) -> Scene:
 
 
 def in_triangles(scene: Scene, notes: Notes) -> Scene:
-    """Return the scene in the triangles of path tracing; infinite planes become large squares, with a note."""
+    """Return the scene as the triangles that path tracing renders; infinite planes become squares, with a note."""
     planes = [shape.name for shape in scene.shapes if shape.primitive == "plane"]
     if planes:
         notes.add(f"endless planes ({listed(planes)}) are squares of {2 * _HORIZON:g} times the scene's diagonal")
@@ -72,13 +72,13 @@ def in_world(shape: Shape) -> Mesh:
 def mirrors(world_from_object: Float64) -> bool:
     """Return True if an affine map (3, 4) mirrors.
 
-    Fronts of a mirrored mesh are on the other side in glpath; in other programs they stay.
+    A mirroring map exchanges the fronts and backs of a mesh in glpath, but not in other programs.
     """
     return bool(np.linalg.det(world_from_object[:, :3]) < 0)
 
 
 def with_all_normals(mesh: Mesh) -> Mesh:
-    """Return the mesh with face normals at vertices whose normals are zero; itself if there are none."""
+    """Return the mesh with face normals at vertices whose normals are zero; the same mesh if no normal is zero."""
     if mesh.normals is None or np.all(np.any(mesh.normals != 0, axis=1)):
         return mesh
     if not np.any(mesh.normals):
@@ -110,7 +110,7 @@ def map_downwards(uv_transform: Float64, scale: tuple[float, float]) -> Float64:
 
 
 def _square(scene: Scene, plane: Shape) -> Shape:
-    """Return squares instead of infinite planes, each centred on its point nearest to the scene centre."""
+    """Return squares instead of infinite planes, each centred on the plane's point nearest to the scene centre."""
     low, high = scene.bounds
     low, high = np.minimum(low, scene.camera.position), np.maximum(high, scene.camera.position)
     half = _HORIZON * float(np.linalg.norm(high - low))

@@ -1,6 +1,6 @@
 """Builder of a binary glTF 2.0 file: arrays and images in one buffer, a root node with y up, a camera.
 
-Exported scenes and baked scenes share it.
+Exported scenes and baked scenes are written with this builder.
 """
 
 from __future__ import annotations
@@ -167,6 +167,6 @@ def _camera(camera: Camera, size: float) -> gltf_json.Camera:
 
 
 def _camera_matrix(camera: Camera) -> Float64:
-    """Return the (3, 4) transform world from camera; the camera looks along -z."""
+    """Return the (3, 4) transform from camera to world space; the camera looks along -z."""
     right, up, forward = camera.frame()
     return np.stack([right, up, -forward, camera.position], axis=1)

@@ -33,8 +33,8 @@ _NEAREST = gltf_json.NEAREST, gltf_json.NEAREST
 _SMOOTH = gltf_json.LINEAR, gltf_json.LINEAR_MIPMAP_LINEAR
 # Reflectance at normal incidence for the index 1.5; the colour of KHR_materials_specular multiplies it.
 _F0 = 0.04
-#: Irradiance (h, w, 3) uint8, linear, over the second texture coordinates, and the value of 255 in the scene's
-#: unit.
+#: Light map: an image (h, w, 3) uint8 of linear irradiance, looked up by the second texture coordinates; and the
+#: irradiance for which 255 stands, in the scene's unit.
 LightMap = tuple[NDArray[np.uint8], float]
 
 
@@ -121,7 +121,7 @@ class Surfaces:
         )
 
     def _without_microfacets(self, made: gltf_json.Material, material: Material) -> tuple[Float64, float, float]:
-        """Return base colour, roughness and metallic. Adds the extension with the reflectance over the base."""
+        """Return base colour, roughness and metallic. Adds the extension for specular reflection to `made`."""
         mirror, highlight = material.mirror, 2.0 * material.specular / (material.exponent + 1.0)
         if np.any(mirror > 0) and not np.any(highlight > 0) and not np.any(material.reflectance > 0):
             self._note(material, "a mirror is smooth metal, which reflects all at grazing angles")
@@ -133,7 +133,8 @@ class Surfaces:
                 self._note(material, "Phong's highlight beside a mirror is left out")
         elif np.any(highlight > 0):
             self._note(material, "Phong's highlight is microfacets (GGX) of about the same width and albedo")
-            # Equal width: exponent = 2 / alpha^2 - 2 [Walter et al. 2007], and roughness is the root of alpha.
+            # Equal width: exponent = 2 / alpha^2 - 2 [Walter et al. 2007], and roughness is the square root of
+            # alpha.
             reflected, roughness = np.minimum(highlight, 1.0), (2.0 / (material.exponent + 2.0)) ** 0.25
         # The reflectance is F0 * colour * weight at normal incidence and `weight` at grazing incidence. glTF scales
         # the base by 1 - weight, so the base is divided by that.
@@ -271,7 +272,7 @@ class Surfaces:
         return self._textures[key]
 
     def _image(self, number: int, srgb: bool) -> NDArray[np.uint8]:
-        """Return the image with eight bits per channel, colours in sRGB."""
+        """Return the image with eight bits per channel, its colours in sRGB if `srgb`, otherwise linear."""
         texture = self.scene.textures[number]
         if texture.image.dtype == np.uint8 and texture.srgb == srgb:
             return np.asarray(texture.image, np.uint8)

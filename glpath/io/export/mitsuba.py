@@ -1,11 +1,12 @@
 """Translation of a scene to plugins of Mitsuba 3, nested, with their parameters, without files and without Mitsuba.
 
-`described` makes the only translation; `mitsuba_surfaces` translates its materials. `mitsuba_xml` writes it to
-files; tests and benchmarks hand it to Mitsuba in memory. Values are those of Mitsuba's dictionaries
+`described` makes the only translation; `mitsuba_surfaces` translates its materials. `mitsuba_xml` writes the result
+to files; tests and benchmarks hand it to Mitsuba in memory. Values are those of Mitsuba's dictionaries
 (`mitsuba.load_dict`), except:
 
-    {"type": "mesh", "mesh": Mesh, ...} triangles, v of texture coordinates downwards {"type": "bitmap", "image":
-    (h, w, c) ...} a texture, uint8 or float32; an "envmap" has "image", too (4, 4) float64 a transform
+    {"type": "mesh", "mesh": Mesh, ...}            triangles, with v of texture coordinates downwards
+    {"type": "bitmap", "image": (h, w, c), ...}    texture, uint8 or float32; an "envmap" also has an "image"
+    (4, 4) float64                                 transform
 
 Depth:    Mitsuba counts the camera segment, the paper PB and glpath do not: depth d here is d + 1 in Mitsuba.
           Russian roulette starts at Mitsuba's default vertex; at depth 3 there is none.
@@ -72,15 +73,15 @@ def described(
 ) -> MitsubaScene:
     """Return the scene as Mitsuba's plugins, in triangles.
 
-    instances : True keeps a mesh with several instances once; False makes triangles of all instances, which takes
-                more memory and less time to trace
+    instances : True stores a mesh with several instances once. False expands all instances to triangles, which
+                takes more memory and less time to trace
 
     Raises SceneError for scenes that `path_traceable` refuses.
     """
     notes = Notes()
     scene = at_opening(scene, notes).centred
     x, y, z = scene.origin.tolist()
-    if scene.origin.any():  # Mitsuba also uses 32-bit floats, so no transform could hold it
+    if scene.origin.any():  # Mitsuba's transforms are 32-bit floats, too, so they cannot hold the origin
         notes.add(f"all is relative to {shown(scene.origin)}, as the scene is far from the origin")
     low, high = scene.bounds  # without infinite planes
     scene = in_triangles(scene, notes)
@@ -252,8 +253,9 @@ def _sky(sky: Sky | Environment) -> Plugin:
 def _envmap(sky: Sky | Environment, axes: tuple[Float64, Float64, Float64], size: tuple[int, int]) -> Plugin:
     """Return an environment map with the radiance of a sky in Mitsuba's directions.
 
-    Mitsuba's first row is exactly above and its last exactly below, while its columns have their centres in the
-    directions. A map of h rows is written as 2 h + 1 rows, which interpolate like the original.
+    Mitsuba's first row lies exactly at the upper pole and its last row at the lower pole. Its columns lie at the
+    centres of equal steps of the azimuth. A map of h rows is written as 2 h + 1 rows, which interpolate like the
+    original.
 
     axes : unit x, y (up) and z axes of Mitsuba's frame
     size : (rows, columns) of the result
@@ -267,7 +269,7 @@ def _envmap(sky: Sky | Environment, axes: tuple[Float64, Float64, Float64], size
 
 
 def _frame(x: Float64, y: Float64, z: Float64, origin: Float64) -> Float64:
-    """Return the (4, 4) transform world from a frame with these axes."""
+    """Return the (4, 4) transform to world space from a frame with these axes and this origin."""
     matrix = np.eye(4)
     matrix[:3] = np.stack([x, y, z, origin], axis=1)
     return matrix

@@ -1,8 +1,9 @@
 """Luminaires for Mitsuba 3: projectors whose images hold the intensities of a photometric profile.
 
-The image of Mitsuba's projector is the irradiance of a plane one unit away, over pi, which is the intensity times
-the cubed cosine. One projector suffices for a profile that ends within 75 degrees of its axis. Other profiles need
-a projector for each lit face of a surrounding cube, because a projector cannot emit sideways.
+The image of Mitsuba's projector is the irradiance of a plane one unit away, divided by pi. That irradiance is the
+intensity times the cubed cosine of the angle to the axis. One projector suffices for a profile that ends within 75
+degrees of its axis. Other profiles need a projector for each lit face of a surrounding cube, because a projector
+cannot emit sideways.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from glpath.scene.profile import LightProfile
 
 #: Maximum angle from its axis that one projector covers, degrees.
 WIDEST = 75.0
-# Texels along a side of an image: 0.7 degrees each on a cube face, finer than measured luminaires.
+# Number of texels along a side of an image. On a cube face a texel is 0.7 degrees wide, finer than usual
+# measurements.
 _SIDE = 128
 
 
@@ -27,7 +29,7 @@ def projectors(
     """Yield the projectors that emit the light of a profile, each with its axes x, y and direction as "axes".
 
     axis, c0  : (3,) unit, as in `LightProfile.intensity`
-    intensity : (3,) intensity of one candela of the profile
+    intensity : (3,) factor by which the profile's candela values are multiplied, as `Light.intensity`
     """
     across = np.cross(axis, c0)
     last = _last_angle(profile)

@@ -88,13 +88,13 @@ class Surfaces:
         return {"type": "ref", "id": self._known[key]}
 
     def medium(self, number: int) -> Plugin | None:
-        """Return the absorbing medium inside a solid, or None; only volpath renders it."""
+        """Return the absorbing medium inside a solid; None if there is none. Only volpath renders a medium."""
         material = self.scene.materials[number]
         if material.thin or not np.any(material.attenuation > 0) or material.transmission == 0:
             return None
         self.integrator = "volpath"
-        # Divided by the largest, because a colour is at most 1. At least 1e-6, because volpath returns NaN if a
-        # channel is not absorbed.
+        # The attenuation is divided by its largest channel, because a colour is at most 1. Channels are at least
+        # 1e-6, because volpath returns NaN for a channel without absorption.
         densest = float(material.attenuation.max())
         sigma_t = rgb(np.maximum(material.attenuation / densest, 1e-6))
         return {"type": "homogeneous", "albedo": 0.0, "sigma_t": sigma_t, "scale": densest}
@@ -174,8 +174,8 @@ class _Surface:
     def _microfacets(self, roughness: float) -> Plugin:
         """Return Mitsuba's principled surface for GGX over a base.
 
-        It has Schlick's Fresnel and independent masking, too, and its metal is equal. A dielectric over a diffuse
-        base differs between all programs.
+        Like glpath's surface, it has Schlick's Fresnel term and independent masking of both directions, and its
+        metal is the same. A dielectric over a diffuse base differs between all programs.
         """
         material = self.material
         made: Plugin = {"type": "principled", "base_color": self._colour(), "specular": _SPECULAR}
@@ -339,7 +339,7 @@ class _Surface:
 def bitmap(texture: Texture, slot: TextureSlot, image: Any, *, raw: bool, note: Callable[[str], None]) -> Plugin:
     """Return a bitmap plugin for an image, looked up as in a slot.
 
-    raw : True if the image is no colour
+    raw : True if the image holds data other than colours
     """
     image = image if image.dtype == np.uint8 else np.asarray(image, np.float32)
     made: Plugin = {"type": "bitmap", "image": np.ascontiguousarray(image), "name": texture.name, "raw": raw}
@@ -362,7 +362,7 @@ def _mirror(reflectance: Float64, alpha: float = 0.0) -> Plugin:
 
 
 def _blend(parts: Sequence[tuple[float, Plugin]]) -> Plugin:
-    """Return plugins blended by their weights; black without any."""
+    """Return a plugin that blends plugins by their weights; a black surface if there are none."""
     if not parts:
         return _diffuse(rgb(np.zeros(3)))
     total, made = parts[0]

@@ -42,7 +42,10 @@ _DIGITS = 8
 
 
 def write_xml(translated: MitsubaScene, path: Path) -> None:
-    """Write `path` and its meshes and images, into the folder PATH_files without the suffix. Raises ImageError."""
+    """Write the XML to `path`, and its meshes and images to a folder beside it: room_files for room.xml.
+
+    Raises ImageError.
+    """
     folder = path.with_name(f"{path.stem}_files")
     writer = _Writer(folder)
     scene = ElementTree.Element("scene", version=_VERSION)

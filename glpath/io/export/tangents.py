@@ -1,7 +1,7 @@
 """Vertex tangents for programs that do not compute them from texture coordinates.
 
-glTF requires them for anisotropy or a clearcoat normal map without a normal map of the base. Readers compute
-tangents only for the base normal map.
+glTF requires them if a material has anisotropy or a clearcoat normal map, but no normal map of the base. Readers
+compute tangents only for the base normal map.
 
 Source: Mikkelsen 2008, Simulation of wrinkled surfaces revisited. As in MikkTSpace, corners are weighted by their
         angles, and a vertex is split if some of its triangles mirror the texture.

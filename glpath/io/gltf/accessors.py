@@ -40,7 +40,7 @@ _TYPES = {
 class Accessors:
     """Accessors of a document, each decoded once.
 
-    left_out : number of rows with values that are not finite, by kind of attribute
+    left_out : number of rows set to zero because a value was not finite, by kind of attribute
     """
 
     document: Document
@@ -80,7 +80,10 @@ class Accessors:
         return self.floats(index, widths, location)
 
     def repaired(self, name: str, values: Float64) -> Float64:
-        """Return values (N, k) of an optional attribute with zeros for rows that are not finite; count them."""
+        """Return values (N, k) of an optional attribute with zeros for rows that are not finite.
+
+        `left_out` counts these rows.
+        """
         counts: dict[str, int] = {}
         values = finite_rows(values, OPTIONAL_ATTRIBUTES[name], counts)
         self.left_out.update(counts)
@@ -166,12 +169,12 @@ class Accessors:
                 "The file is cut off, or was written wrongly.",
             )
         self.document.take(count * rows * columns * kind.itemsize, table.location)
-        # Byte strides instead of a view of the array: an offset may be odd, and numpy then reads unaligned numbers.
+        # Offset and strides are in bytes. The offset may be odd, because numpy reads unaligned numbers.
         strided = np.ndarray((count, columns, rows), kind, data, offset, (stride, column, kind.itemsize))
         return np.array(strided).reshape(count, rows * columns)
 
     def _with_sparse(self, values: NDArray[Any], sparse: Table, rows: int, columns: int) -> NDArray[Any]:
-        """Return `values` with the elements of `sparse` replaced, in place."""
+        """Replace in place the elements of `values` that `sparse` lists; return `values`."""
         count = sparse.required("count", 1, len(values))
         views = self.document.all("bufferViews")
         of_indices, of_values = sparse.table("indices"), sparse.table("values")

@@ -19,10 +19,10 @@ from glpath.io.gltf.table import Table
 from glpath.scene.model import Float64
 
 _WIDTHS = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
-# Number of evenly spaced samples while the shutter is open. A rotation by 100 degrees between two samples is still
-# below half a turn.
+# Number of evenly spaced samples while the shutter is open. Between samples, a rotation takes the shorter arc, so a
+# node must rotate by less than 180 degrees from one sample to the next.
 _EVEN_TIMES = 17
-# Maximum number of keys that are added to these samples.
+# Maximum number of keyframe times that are added to the evenly spaced samples.
 _MAX_KEYS = 64
 _PATHS = {name: name for name in _WIDTHS}
 _INTERPOLATIONS = {name: name for name in ("LINEAR", "STEP", "CUBICSPLINE")}
@@ -53,7 +53,7 @@ def poses_at(
         for channel in animation.tables("channels"):
             target = channel.table("target")
             if target.text("path") == "pointer":
-                continue  # KHR_animation_pointer has its note with the extensions
+                continue  # `_check_extensions` has added a note on KHR_animation_pointer
             node = target.index("node", document.all("nodes"), "nodes")
             path = target.choice("path", _PATHS, "")
             if node is None or not path:
@@ -73,7 +73,7 @@ def shutter_times(
 ) -> Float64:
     """Return (K,) sample times of the nodes: evenly spaced times plus keyframes.
 
-    Motion between the samples is nearly linear. Keys beyond `_MAX_KEYS` are left out.
+    Motion between the samples is nearly linear. At most `_MAX_KEYS` keyframes are used.
     """
     keys: list[Float64] = []
     for _, animation in chosen:
@@ -137,6 +137,6 @@ def slerp(a: Float64, b: Float64, t: float) -> Float64:
 
 
 def _unit(quaternion: Float64) -> Float64:
-    """Return the quaternion with length 1; a zero quaternion is returned as is, and its node rejects it."""
+    """Return the quaternion with length 1. A zero quaternion is returned unchanged; `nodes.trs` rejects it."""
     length = np.linalg.norm(quaternion)
     return np.asarray(quaternion / length if length > 0 else quaternion)

@@ -15,7 +15,7 @@ from glpath.scene.source_location import shown
 from glpath.system.suggestions import listed_names, similar_names
 
 _VARIANTS = "KHR_materials_variants"
-#: Choice of animations that runs all at once, for exporters that write one animation per object.
+#: Name that chooses all animations at once, because some exporters write one animation per object.
 ALL = "all"
 
 
@@ -41,7 +41,7 @@ def animation_lengths(document: Document, accessors: Accessors) -> tuple[float, 
 def chosen_animations(document: Document, wanted: str | None) -> list[tuple[int, Table]]:
     """Return the animations that run, with their indices. Raises UsageError.
 
-    wanted : None for the first, `ALL`, or the name or index of one
+    wanted : None: the first animation; `ALL`: all; otherwise the name or index of one
     """
     every = list(enumerate(document.all("animations")))
     if wanted is None:
@@ -57,12 +57,15 @@ def variant_names(document: Document) -> tuple[str, ...]:
 
 
 def chosen_variant(document: Document, wanted: str | None) -> int | None:
-    """Return the index of a variant given by name or index; None for the own materials. Raises UsageError."""
+    """Return the index of the material variant with this name or index; None if `wanted` is None.
+
+    None stands for the primitives' own materials. Raises UsageError.
+    """
     return None if wanted is None else _number(wanted, variant_names(document), "variant", document)
 
 
 def material_of(primitive: Table, variant: int | None, document: Document) -> int | None:
-    """Return the material index of a primitive: its own unless the variant has another."""
+    """Return the material index of a primitive: the variant's if it has one, otherwise the primitive's own."""
     materials = document.all("materials")
     mapped = primitive.extension(_VARIANTS) if variant is not None else None
     if mapped is not None:

@@ -1,7 +1,7 @@
 """Decompression of buffers, meshes and textures.
 
-It needs meshopt and DracoPy (`glpath[gltf]`) and opengl_basisu (`glpath[ktx2]`). If a file also holds the data
-uncompressed, those are read, and no package is needed.
+It needs meshopt and DracoPy (`glpath[gltf]`) and opengl_basisu (`glpath[ktx2]`). If a file also holds the
+uncompressed data, they are read instead, and no package is needed.
 
 Source: EXT_meshopt_compression, KHR_draco_mesh_compression, KHR_texture_basisu.
 """
@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from glpath.io.gltf.table import Table
 from glpath.scene.source_location import SourceLocation
 
-#: Extension and its successor, which the decoder treats equally.
+#: Names of the meshopt extension and of its successor. One decoder reads both.
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 DRACO = "KHR_draco_mesh_compression"
 BASISU = "KHR_texture_basisu"
 
 
 def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
-    """Return the bytes of a buffer view that is compressed as `table` describes."""
+    """Return the decompressed bytes of a buffer view; `table` is its meshopt extension object."""
     decoder = _library("meshopt", "gltf", extension, table.location)
     mode = table.required_choice("mode", {name: name for name in ("ATTRIBUTES", "TRIANGLES", "INDICES")})
     filters = {name: name for name in ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")}
@@ -49,7 +49,7 @@ def draco(data: memoryview, location: SourceLocation) -> tuple[NDArray[np.int64]
 
 
 def ktx2(data: bytes, location: SourceLocation) -> NDArray[np.uint8]:
-    """Return the largest level of a KTX 2 texture, (h, w, 3) or (h, w, 4) uint8, row 0 at the top."""
+    """Return the largest mipmap level of a KTX 2 texture, (h, w, 3) or (h, w, 4) uint8, row 0 at the top."""
     library = _library("opengl_basisu", "ktx2", BASISU, location)
     try:
         texture = library.open(data)

@@ -54,13 +54,13 @@ KNOWN_EXTENSIONS = (
     "KHR_texture_transform",
     *LAYERS,
 )
-#: Extensions that are not read, with the lost part of the look. A file may require them, because an image can still
-#: be made.
+#: Extensions that are ignored, with a description of what the image then lacks. Files that require them are still
+#: read.
 UNUSED_EXTENSIONS = {
     "KHR_animation_pointer": "animations of other things than nodes",
     **UNUSED_MATERIALS,
 }
-# A scheme has at least two letters: a single letter is a Windows drive.
+# URI scheme. It has at least two letters, because a single letter is a Windows drive.
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):")
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 
@@ -83,7 +83,7 @@ class Document:
     folder : folder at which relative paths start and which they must not leave
     binary : BIN chunk of a .glb
     stored : number of bytes read so far, from the file and from the files that it names
-    files  : locations of the images, and the images that are not used
+    files  : named files that were found elsewhere, and images that are not used
     """
 
     root: Table
@@ -99,7 +99,7 @@ class Document:
     _decoded: int = 0
 
     def all(self, name: str) -> Tables:
-        """Return a list of the root: nodes, meshes, ..."""
+        """Return a list of the root object by its name, such as "nodes" or "meshes"."""
         if name not in self._lists:
             self._lists[name] = self.root.tables(name)
         return self._lists[name]
@@ -225,7 +225,7 @@ def _file_name(uri: str, location: SourceLocation) -> str:
 
 
 def read_document(path: Path) -> Document:
-    """Open a .gltf or .glb. Raises SceneError if it is missing, broken or needs something unknown."""
+    """Open a .gltf or .glb. Raises SceneError if it is missing or broken, or requires an unknown extension."""
     location = SourceLocation(str(path))
     if not os.path.isfile(path):
         raise location.error(

@@ -1,9 +1,9 @@
 """Environment map from the cube map of a file's scene.
 
-Only the sharpest level is read. The other levels and the irradiance coefficients are the same light filtered for
-shaders, and path tracing filters it itself.
+Only the sharpest mipmap level is read. The other levels and the irradiance coefficients hold the same light,
+prefiltered for rasterizers. Path tracing integrates the light itself.
 
-Source: EXT_lights_image_based. As the extension defines them, faces are seen from inside without mirroring:
+Source: EXT_lights_image_based. The extension shows faces as seen from inside the cube, not mirrored. They are
 OpenGL's faces, each flipped left to right.
 """
 
@@ -25,7 +25,8 @@ NAME = "EXT_lights_image_based"
 
 # Maximum number of rows of the environment map.
 _MAX_HEIGHT = 1024
-# Axes of each face, +x -x +y -y +z -z, as seen from inside: through its centre, to the right, and down.
+# Three axes of each face in the order +x -x +y -y +z -z: from the cube's centre through the face's centre, then to
+# the right and down as seen from inside.
 _FACES = np.array([
     [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
     [[-1, 0, 0], [0, 0, -1], [0, -1, 0]],
@@ -53,7 +54,7 @@ def environment_of(document: Document) -> Environment | None:
 
 
 def _faces(document: Document, light: Table) -> list[Float64]:
-    """Return the six faces (n, n, 3), linear."""
+    """Return the six faces (n, n, 3) of the sharpest level, linear, in the order of `_FACES`."""
     location, images = light.location.field("specularImages"), document.all("images")
     levels = light.values.get("specularImages")
     if not isinstance(levels, list) or not levels:
@@ -72,7 +73,10 @@ def _faces(document: Document, light: Table) -> list[Float64]:
 
 
 def _linear(stored: NDArray[Any]) -> Float64:
-    """Return (n, n, 3) linear values. Four channels are RGBD: light above 1 is stored divided by the fourth."""
+    """Return (n, n, 3) linear values.
+
+    An image with four channels is RGBD: its colour is divided by the fourth channel, so values can exceed 1.
+    """
     values = stored / np.iinfo(stored.dtype).max
     light = decode_srgb(values[..., :3])
     return light / np.maximum(values[..., 3:], 1 / 255) if values.shape[2] == 4 else light

@@ -43,7 +43,10 @@ def metal_and_roughness(
 
 
 def _metal(diffuse: Float64, specular: Float64) -> Float64:
-    """Return the metal fraction m: (1 - m) c = diffuse and m c + (1 - m) F0 = specular for a base colour c."""
+    """Return the metal fraction m that solves two equations for m and a base colour c.
+
+    The equations are (1 - m) c = diffuse and m c + (1 - m) F0 = specular.
+    """
     b = diffuse + specular - 2.0 * F0
     root = np.sqrt(np.maximum(b**2 - 4.0 * F0 * (F0 - specular), 0.0))
     return np.where(specular < F0, 0.0, np.clip((root - b) / (2.0 * F0), 0.0, 1.0))

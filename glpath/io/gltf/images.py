@@ -24,9 +24,9 @@ from glpath.scene.source_location import SourceLocation
 
 KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
 _FORMATS = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG", KTX2: "KTX2"}
-# Formats outside of glTF that other programs read.
+# Formats that glTF does not allow, but that other programs read in glTF files.
 _FORMATS |= {b"BM": "BMP", b"GIF8": "GIF", b"II*\0": "TIFF", b"MM\0*": "TIFF"}
-# Prefixes of the names of Pillow's modules and classes.
+# Prefix of the names of Pillow's plugin module and image class for each format.
 _PLUGINS = {"PNG": "Png", "JPEG": "Jpeg", "WEBP": "WebP", "BMP": "Bmp", "GIF": "Gif", "TIFF": "Tiff"}
 _OTHERS = {
     b"DDS ": "DDS",
@@ -64,7 +64,7 @@ def read_image(document: Document, table: Table) -> NDArray[Any]:
         return compression.ktx2(data, table.location)
     try:
         return _pixels(data, kind)
-    except Exception as error:  # all kinds of exceptions, too
+    except Exception as error:  # Pillow's decoders raise all kinds of exceptions
         raise _broken(table.location, error) from error
 
 
@@ -92,7 +92,10 @@ def _size(data: bytes, kind: str) -> tuple[int, int]:
 
 
 def _webp_size(data: bytes) -> tuple[int, int]:
-    """Return the size in the container's first chunk [RFC 9649]; Pillow would allocate all pixels to read it."""
+    """Return width and height from the first chunk of a WebP file [RFC 9649].
+
+    Pillow would allocate all pixels to read the size.
+    """
     chunk = data[12:16]
     if chunk == b"VP8X":
         return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")
@@ -115,7 +118,7 @@ def _pixels(data: bytes, kind: str) -> NDArray[Any]:
 
 
 def _opened(data: bytes, kind: str) -> Any:
-    """Return an image of Pillow whose pixels are not yet read."""
+    """Open an image with Pillow without reading its pixels."""
     # Image.open would refuse images beyond its own limit without reporting their size.
     plugin = import_module(f"PIL.{_PLUGINS[kind]}ImagePlugin")
     return getattr(plugin, f"{_PLUGINS[kind]}ImageFile")(io.BytesIO(data))

@@ -1,6 +1,6 @@
 """Punctual lights and cameras of nodes. Both look along -z of their node.
 
-Candela and lux are kept, because the unit of a model is photometric, also for its emitting surfaces.
+Intensities stay in candela and lux, because glTF models are photometric, including their emitting surfaces.
 
 Source: KHR_lights_punctual; EXT_lights_ies; glTF 2.0, 3.10.
 """
@@ -28,9 +28,9 @@ _PROJECTIONS = {"perspective": True, "orthographic": False}
 class ModelCamera:
     """Camera of a model, without a resolution.
 
-    position, target, up : (3,) float64, scene units; the target is at distance 1
+    position, target, up : (3,) float64, scene units; the target is 1 unit from the position
     fov                  : vertical field of view of a perspective camera, degrees
-    aspect               : width over height of the intended image; None: any
+    aspect               : width divided by height of the intended image; None if the file gives no aspect ratio
     projection, height, motion : fields of `glpath.scene.Camera`
     """
 
@@ -45,9 +45,9 @@ class ModelCamera:
     motion: tuple[CameraKey, ...] = ()
 
     def through(self, times: Float64, others: Sequence[ModelCamera]) -> ModelCamera:
-        """Return the camera with its poses at times (K,) in seconds as keyframes; itself if the poses are equal.
+        """Return the camera with keyframes at times (K,) in seconds; the same camera if all poses are equal.
 
-        others : the camera at each time
+        others : the camera at each of these times
         """
         first = others[0]
         if all(np.array_equal(first.position, c.position) and _looks_alike(first, c) for c in others):
@@ -104,7 +104,7 @@ def light_of(
 def _profiled(node: Table, extension: Table, world: Float64, factor: float, webs: profiles.Profiles) -> Light:
     direction = _along(node, world, 2)
     x = -_along(node, world, 0)
-    c0 = x - (x @ direction) * direction  # perpendicular even if the node is sheared
+    c0 = x - (x @ direction) * direction  # perpendicular to `direction` even if the node is sheared
     if not np.linalg.norm(c0) > 0:
         raise node.location.error("is scaled to a plane, but a profile needs two directions.", "Check its scale.")
     number = node.location.path.rpartition("[")[2].rstrip("]")
@@ -146,7 +146,7 @@ def camera_of(document: Document, node: Table, world: Float64) -> ModelCamera | 
 
 
 def _along(node: Table, world: Float64, axis: int) -> Float64:
-    """Return the (3,) unit vector opposite to an axis of the node."""
+    """Return the (3,) unit vector in world space opposite to a node's axis 0, 1 or 2 (x, y, z)."""
     column = world[:3, axis]
     length = np.linalg.norm(column)
     if not length > 0:

@@ -1,6 +1,6 @@
 """Limits of a glTF file. A file beyond them is refused before memory is allocated."""
 
-#: Maximum bytes of the file, and of each buffer and image file; a .glb can hold no more.
+#: Maximum size in bytes of the model file and of each buffer and image file; the .glb format cannot hold more.
 MAX_FILE_BYTES = 2**32
 #: Maximum count of numbers, texts, lists and tables in the JSON.
 MAX_JSON_VALUES = 2**23
@@ -8,18 +8,19 @@ MAX_JSON_VALUES = 2**23
 MAX_JSON_DEPTH = 64
 MAX_NODES = 2**20
 MAX_ACCESSORS = 2**20
-#: Maximum elements of an accessor without data, which are zeros and cost no bytes in the file.
+#: Maximum number of elements of an accessor without a buffer view. They are zeros, so even a tiny file can ask for
+#: many.
 MAX_ZEROS = 2**22
 #: Maximum bytes of all decoded arrays, meshes and pixels. Data that a file uses again are decoded once.
 MAX_DECODED_BYTES = 2**33
-#: Bytes of decoded data that are always allowed.
+#: Bytes of decoded data that are allowed for a file of any size.
 ALWAYS_DECODED_BYTES = 2**30
-#: Maximum ratio of decoded bytes to bytes of the files above this amount. Draco meshes unfold to hundreds of times
-#: their bytes.
+#: Maximum ratio of decoded bytes to file bytes, for models that exceed ALWAYS_DECODED_BYTES. Draco meshes unfold to
+#: hundreds of times their bytes.
 MAX_DECODED_RATIO = 512
 #: Maximum triangles of all instances together; their vertices have 32-bit indices.
 MAX_TRIANGLES = 2**28
 MAX_TEXTURE_SIDE = 16384
 MAX_TEXTURE_PIXELS = 2**26
-#: Number of characters to which a name is cut.
+#: Maximum number of characters of a name; longer names are cut.
 MAX_NAME = 120

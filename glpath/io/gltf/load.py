@@ -39,17 +39,17 @@ from glpath.scene.sky import Environment
 from glpath.scene.source_location import shown
 from glpath.scene.tessellate import without_area
 
-#: Mark of `glpath export` in a file's extras: in the scene, the backs of one-sided materials were black.
+#: Entry of a file's extras, written by `glpath export` for scenes whose one-sided materials have black backs.
 BLACK_BACKS = {"backs": "black"}
 
-# Ratio of the shortest to the longest axis of a transformed unit sphere. Below it, 32-bit floats do not separate
-# front and back.
+# Minimum ratio of the shortest to the longest axis of a transformed unit sphere. A flatter instance counts as a
+# plane, because 32-bit floats do not separate its front and back.
 _FLAT = 1e-7
-# Maximum number of faces for which a mesh is tested for being closed.
+# Maximum number of faces of a mesh that is tested for being closed; a larger mesh counts as open.
 _LONG_TEST = 2**20
 # Maximum number of meshes that a note names.
 _NAMES = 20
-# Fields by which a node deforms its mesh or has several instances of it.
+# Fields of a node that may deform its mesh or give the mesh several instances.
 _OF_ITS_OWN = {"skin", "weights", "extensions"}
 _MIRRORED = " (mirrored)"
 
@@ -59,7 +59,7 @@ class Model:
     """Model file in glpath's own data types.
 
     source    : the file
-    name      : name of its scene, or of the file
+    name      : name of the file's scene, or of the file
     shapes    : one shape for each primitive, with all its instances
     lights    : punctual lights
     cameras   : all cameras of the scene
@@ -111,8 +111,8 @@ def read_gltf(
     backs        : backs of materials that are not doubleSided: "absent", as in viewers, or "black", so that walls
                    block light from both sides
 
-    Raises SceneError for a file that is missing, broken, hostile or needs something unknown. Raises UsageError for
-    a camera, an animation or a variant that it does not have, and for numbers that are not finite.
+    Raises SceneError for a file that is missing, broken or hostile, or requires an unknown extension. Raises
+    UsageError for a camera, an animation or a variant that it does not have, and for numbers that are not finite.
     """
     path = Path(path)
     if not (np.isfinite(light_factor) and light_factor >= 0):
@@ -237,10 +237,10 @@ def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: 
 
 @dataclass(eq=False)
 class _Group:
-    """Instances of one mesh of one primitive while they are collected.
+    """Instances of one primitive's mesh, while they are collected.
 
-    maps  : (N, 3, 4) arrays of transforms
-    nodes : indices of nodes that each have one more instance, after `maps`
+    maps  : arrays (N, 3, 4) of transforms from mesh to world space
+    nodes : indices of nodes that each add one instance, whose transform is not yet in `maps`
     """
 
     name: str
@@ -304,11 +304,11 @@ class _Shapes:
         self.skins: dict[int, Skin] = {}
         self.solid: dict[tuple[Mesh, ...], bool] = {}
         self.turned: dict[Mesh, Mesh] = {}
-        self.flat: dict[tuple[Mesh, bytes], Mesh] = {}  # by mesh and flat axis
+        self.flat: dict[tuple[Mesh, bytes], Mesh] = {}  # flattened meshes, by mesh and axis
         self.groups: dict[tuple[Mesh, int, int], _Group] = {}
         self.parts: dict[int, list[_Part]] = {}  # by mesh index
-        #: Groups that are the primitives of one mesh, by mesh index and True for a mirrored mesh. The index is -1 -
-        #: node if the mesh belongs to the node alone.
+        #: Groups of all primitives of one mesh. The key is the mesh index, and True for mirrored instances. A mesh
+        #: that is built for a single node has the index -1 - (node index) instead.
         self.wholes: dict[tuple[int, bool], dict[tuple[Mesh, int, int], _Group]] = {}
         determinant, size = _stretch(nodes.world[:, :3, :3])
         self._flat = (~(np.abs(determinant) > _FLAT * size)).tolist()
@@ -322,8 +322,8 @@ class _Shapes:
     def all(self, eyes: Sequence[Float64] | None = None) -> list[Shape]:
         """Return a shape for each primitive.
 
-        eyes : positions of cameras; a back that they can see becomes two-sided or absent. None keeps all backs
-               black
+        eyes : positions of cameras; backs that cameras can see become two-sided or are culled. None: all backs
+               stay black
         """
         for index in self.nodes.drawn:
             number = self._plain_mesh(index)
@@ -427,7 +427,7 @@ class _Shapes:
         name = mesh.name(node.name(f"mesh-{number}"))
         if self.paths is not None and self.paths.bend(index, self._joints(node)):
             self.bent.append(name)
-        # A skin's joints are in world space, so the transform of its node has no meaning.
+        # The joints of a skin give world positions, so glTF ignores the transform of the node with the mesh.
         maps = instances(node, world, self.accessors) if skin is None else np.eye(3, 4)[None]
         for i, primitive in enumerate(primitives):
             part = name if len(primitives) == 1 else f"{name}-{i}"
@@ -478,7 +478,7 @@ class _Shapes:
             geometry = self._turned(mesh) if suffix else mesh
             path = None if self.paths is None else self.paths.of(node)
             if path is not None and "skin" in self.nodes.tables[node]:
-                path = None  # its joints move it
+                path = None  # the joints move the mesh, not its node
             # A moving node becomes a separate shape, because all instances of a shape move together.
             key = (geometry, surface, -1 if path is None else node)
             if key not in self.groups:
@@ -543,10 +543,10 @@ class _Shapes:
         return isinstance(extras, dict) and extras.items() >= BLACK_BACKS.items()
 
     def _light_backs(self) -> None:
-        """Make one-sided materials two-sided on closed meshes into which one can see.
+        """Make one-sided materials two-sided on closed meshes whose inside is visible.
 
-        One sees into a closed mesh through cut-out holes or where it transmits light. Viewers show no far wall
-        there.
+        The inside is visible through cut-out holes and through surfaces that transmit light. glTF viewers cull the
+        far wall there.
         """
         surfaces = self.surfaces.surfaces
         seen: dict[int, list[_Group]] = {}  # by surface index
@@ -603,7 +603,7 @@ class _Shapes:
                 surfaces[number] = replace(surface, material=replace(material, culled=True))
 
     def _is_solid(self, *meshes: Mesh) -> bool:
-        """Return the result of `_are_solid`, cached for each set of meshes."""
+        """Return `_are_solid(meshes)`, cached by the tuple of meshes."""
         if meshes not in self.solid:
             self.solid[meshes] = _are_solid(meshes)
         return self.solid[meshes]
@@ -617,7 +617,11 @@ def _are_solid(meshes: Sequence[Mesh]) -> bool:
 
 
 def _stretch(linear: Float64) -> tuple[Float64, Float64]:
-    """Return (N,) determinants of maps (N, 3, 3), and (N,) of similar maps that are as thick as long."""
+    """Return (N,) determinants of maps (N, 3, 3), and (N,) sizes to compare them with.
+
+    A size is the product of the Frobenius norms of the map and of its cofactor matrix. The ratio of determinant to
+    size is 1/3 for a uniform scale, and near 0 for a map that flattens.
+    """
     x, y, z = (linear[:, row] for row in range(3))
     cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
     determinant = np.sum(x * cofactors[:, 0], axis=1)

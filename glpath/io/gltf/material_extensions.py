@@ -83,7 +83,7 @@ LAYERS = {
         },
     ),
 }
-#: Extensions of materials that are not read, with the lost part of the look.
+#: Material extensions that are ignored, with a description of what the image then lacks.
 UNUSED_MATERIALS = {
     "KHR_materials_dispersion": "dispersion of glass: a path has all three colours, which would part",
     "KHR_materials_volume_scatter": "light that is scattered inside of solids: media are not traced",

@@ -27,7 +27,7 @@ _NO_CHILDREN: list[int] = []
 class Nodes:
     """Nodes of a document.
 
-    world : (N, 4, 4) world from node
+    world : (N, 4, 4) transforms from node to world space
     drawn : indices of the visible nodes of the scene, each once
     """
 
@@ -107,7 +107,7 @@ def _drawn(document: Document, tables: Tables, children: list[list[int]], parent
         scene = scenes[chosen or 0]
         roots = scene.indices("nodes", tables, "nodes")
         if any(root in parent for root in roots):
-            # glTF forbids this, but many files of UniGLTF have it, with a parent that does nothing.
+            # glTF forbids root nodes with parents, but UniGLTF writes many such files. The parents do nothing.
             document.notes.add(
                 "Scenes' lists of nodes that have parents: such a node is drawn once, below its own."
             )
@@ -135,7 +135,7 @@ def _drawn(document: Document, tables: Tables, children: list[list[int]], parent
 
 
 def _local_maps(tables: Tables, poses: Mapping[int, Pose]) -> Float64:
-    """Return the (N, 4, 4) transforms parent from node."""
+    """Return the (N, 4, 4) transforms from each node to its parent's space."""
     count = len(tables)
     parts = {
         "translation": np.zeros((count, 3)),
@@ -167,7 +167,11 @@ def _local_maps(tables: Tables, poses: Mapping[int, Pose]) -> Float64:
 
 
 def trs(translation: Float64, rotation: Float64, scale: Float64, location: SourceLocation) -> Float64:
-    """Return (N, 4, 4) transforms that scale (N, 3), rotate by quaternions x y z w (N, 4), translate (N, 3)."""
+    """Return the (N, 4, 4) transforms that scale first, then rotate, then translate.
+
+    translation, scale : (N, 3)
+    rotation           : (N, 4) quaternions x y z w of any length but zero
+    """
     length = np.linalg.norm(rotation, axis=1, keepdims=True)
     if not np.all(length > 0):
         raise location.field("rotation").wrong(rotation[int(np.argmin(length))], "a unit quaternion [x, y, z, w]")
@@ -183,9 +187,9 @@ def trs(translation: Float64, rotation: Float64, scale: Float64, location: Sourc
 
 
 def instances(table: Table, world: Float64, accessors: Accessors) -> Float64:
-    """Return the (N, 3, 4) transforms world from mesh of a node.
+    """Return the (N, 3, 4) transforms from mesh to world space of a node's instances.
 
-    There is one transform, or as many as EXT_mesh_gpu_instancing lists.
+    N is 1, or the number of instances that EXT_mesh_gpu_instancing lists.
     """
     extension = table.extension("EXT_mesh_gpu_instancing")
     if extension is None:

@@ -1,7 +1,8 @@
 """Meshes: primitives with their attributes, morph targets and skins.
 
-Texture coordinate v is flipped: in glTF it runs downwards from the image's first row, here upwards. TANGENT is not
-read, because normal maps follow the gradient of the texture coordinates. A mesh without NORMAL is shaded flat.
+Texture coordinate v is flipped. In glTF v grows downwards from the image's first row; here it grows upwards.
+TANGENT is not read, because normal maps follow the gradient of the texture coordinates. A mesh without NORMAL is
+shaded flat.
 
 Source: glTF 2.0, 3.7; KHR_mesh_quantization; KHR_draco_mesh_compression.
 """
@@ -26,7 +27,7 @@ _MODES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip", 4: "triangle
 #: Note on points and lines, which are left out.
 ONLY_TRIANGLES = "Points and lines: only triangles are drawn."
 _STROKES = ("points", "lines", "line loop", "line strip")
-#: Attributes that are read, and the allowed counts of numbers of each.
+#: Vertex attributes that are read, with the allowed numbers of components.
 _WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 _MAX_JOINT_SETS = 4
 
@@ -43,7 +44,7 @@ class Skin:
 
 @dataclass
 class Primitives:
-    """Primitives of a document as meshes, each built once for each of its poses.
+    """Primitives of a document as meshes; those without a skin are cached by primitive, morph weights and UV sets.
 
     strokes : True if points and lines are drawn, see `glpath.io.strokes`
     radii   : radii of the balls and rods drawn for points and lines, in units of their meshes
@@ -55,13 +56,15 @@ class Primitives:
     _made: dict[tuple[object, ...], Mesh | None] = field(default_factory=dict)
 
     def mesh(self, primitive: Table, morph: Float64, uv_sets: frozenset[int]) -> Mesh | None:
-        """Return a primitive as a morphed mesh; None for points, lines, and triangles without any area.
+        """Return a primitive as a morphed mesh; None if no triangle has an area.
+
+        Points and lines also give None, unless `strokes` is set.
 
         morph   : (M,) weights of its morph targets
         uv_sets : texture coordinate sets that its material needs; missing ones are filled with zeros
         """
-        # The key is the content of the primitive, not its location: primitives of several materials often share
-        # arrays.
+        # The key is the primitive's content without its material, because primitives of several materials often
+        # share arrays.
         says = {name: value for name, value in primitive.values.items() if name not in ("material", "extras")}
         key = (repr(says), np.trim_zeros(morph, "b").tobytes(), uv_sets)
         if key not in self._made:
@@ -70,7 +73,7 @@ class Primitives:
         return self._made[key]
 
     def skinned(self, primitive: Table, morph: Float64, uv_sets: frozenset[int], skin: Skin) -> Mesh | None:
-        """Return a primitive as a morphed and skinned mesh, its vertices in world space; None like `mesh`."""
+        """Return a primitive as a morphed and skinned mesh, its vertices in world space; None as for `mesh`."""
         attributes = self._attributes(primitive, morph)
         if attributes is None:
             return None
@@ -263,7 +266,7 @@ class Primitives:
         return {**others, "POSITION": vertices, "NORMAL": normals, "faces": made}
 
     def _vertex_maps(self, primitive: Table, skin: Skin, count: int) -> Float64:
-        """Return the (V, 3, 4) transforms world from mesh: weighted means of the joints' transforms."""
+        """Return the (V, 3, 4) transforms from mesh to world space, weighted means of the joints' transforms."""
         attributes = primitive.table("attributes")
         every = self.accessors.document.all("accessors")
         joints, weights = [], []
@@ -327,7 +330,7 @@ def skin_of(table: Table, nodes_world: Float64, accessors: Accessors) -> Skin:
 def is_open(mesh: Mesh) -> bool:
     """Return True if an edge has a triangle on one side only, so that backs can be seen.
 
-    Vertices match by position.
+    Vertices at the same position count as one vertex.
     """
     points = np.ascontiguousarray(mesh.vertices + 0.0)  # turns -0 into 0
     _, number = np.unique(points.view(np.dtype((np.void, 24))).ravel(), return_inverse=True)

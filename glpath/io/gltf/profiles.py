@@ -1,6 +1,6 @@
 """Photometric profiles of a document: EXT_lights_ies.
 
-Without a transform, gamma = 0 is along -z and C = 0 along +x; C grows from x towards y.
+In the node's own frame, gamma = 0 is along -z and C = 0 along +x; C grows from x towards y.
 
 Source: EXT_lights_ies.
 """

@@ -131,7 +131,10 @@ class Surfaces:
         return Surface(material, self._emission(table))
 
     def _specular_glossiness(self, table: Table, glossy: Table, common: dict[str, Any]) -> Surface:
-        """Return a surface of the older model: a diffuse colour and a specular colour at normal incidence."""
+        """Return the surface of a specular-glossiness material.
+
+        This older model has a diffuse colour and a specular colour at normal incidence.
+        """
         diffuse = self._shares(glossy, "diffuseFactor", (1, 1, 1, 1))
         specular = self._shares(glossy, "specularFactor", (1, 1, 1))
         gloss = self._share(glossy, "glossinessFactor", 1.0)
@@ -199,7 +202,7 @@ class Surfaces:
         return factor if stronger is None else factor * stronger.number("emissiveStrength", 1.0, 0.0)
 
     def _emission_texture(self, table: Table) -> dict[str, Any]:
-        """Return the emission texture as a field; empty if the emissive factor, and so the product, is 0."""
+        """Return the `emission_texture` field; empty if the emissive factor, which multiplies the texture, is 0."""
         if not table.numbers("emissiveFactor", (0, 0, 0), 0.0).any():
             return {}
         return {"emission_texture": self._slot(table, "emissiveTexture", srgb=True)}
@@ -216,7 +219,7 @@ class Surfaces:
         if specular is not None:
             fields["specular_weight"] = self._share(specular, "specularFactor", 1.0)
             fields["specular_colour"] = specular.numbers("specularColorFactor", (1, 1, 1), 0.0)
-            if fields["specular_weight"] > 0:  # textures multiply the weight
+            if fields["specular_weight"] > 0:  # the textures have no effect if the weight is 0
                 fields["specular_texture"] = self._slot(specular, "specularTexture", srgb=False)
                 fields["specular_colour_texture"] = self._slot(specular, "specularColorTexture", srgb=True)
         if ior is not None and ior.number("ior", 1.5) == 0:
@@ -394,5 +397,5 @@ def _uv_transform(table: Table) -> Float64:
     matrix = np.eye(3)
     matrix[:2, :2] = np.array([[c, s], [-s, c]]) * table.numbers("scale", (1, 1))
     matrix[:2, 2] = table.numbers("offset", (0, 0))
-    over = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])  # flips v to 1 - v and back
+    over = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])  # replaces v by 1 - v; its own inverse
     return np.asarray((over @ matrix @ over)[:2])

@@ -63,7 +63,7 @@ class Table:
         return values
 
     def name(self, otherwise: str) -> str:
-        """Return the object's `name`, limited to printable characters."""
+        """Return the printable characters of the object's `name`; `otherwise` if there are none."""
         return printable(self.text("name") or "") or otherwise
 
     def flag(self, name: str, default: bool = False) -> bool:
@@ -77,21 +77,21 @@ class Table:
     @overload
     def integer(self, name: str, default: None = None, low: int = 0, high: int = 2**53) -> int | None: ...
     def integer(self, name: str, default: int | None = None, low: int = 0, high: int = 2**53) -> int | None:
-        """Return an integer from `low` to `high`."""
+        """Return an integer from `low` to `high`; `default` if it is missing."""
         if name not in self.values:
             return default
         return _integer(self.values[name], self.location.field(name), low, high)
 
     def required(self, name: str, low: int = 0, high: int = 2**53) -> int:
-        """Return an integer that must be present."""
+        """Return an integer from `low` to `high`. Raises SceneError if it is missing."""
         return _integer(self._present(name), self.location.field(name), low, high)
 
     def choice(self, name: str, allowed: Mapping[Any, Choice], default: Choice) -> Choice:
-        """Return the meaning of a value among `allowed`."""
+        """Return the entry of `allowed` whose key is the stored value; `default` if the value is missing."""
         return self.required_choice(name, allowed) if name in self.values else default
 
     def required_choice(self, name: str, allowed: Mapping[Any, Choice]) -> Choice:
-        """Return the meaning of a value among `allowed`; the value must be present."""
+        """Return the entry of `allowed` whose key is the stored value. Raises SceneError if there is no value."""
         value = self._present(name)
         if isinstance(value, bool) or not isinstance(value, str | int | float) or value not in allowed:
             raise self.location.field(name).wrong(value, f"one of {', '.join(str(key) for key in allowed)}")
@@ -134,7 +134,7 @@ class Table:
         return np.array([_number(each, location.item(i), low, high) for i, each in enumerate(value)])
 
     def any_numbers(self, name: str) -> Float64:
-        """Return (n,) float64, any count of numbers."""
+        """Return (n,) float64, a list of any length; empty if it is missing."""
         value, location = self._list(name), self.location.field(name)
         return np.array(
             [_number(each, location.item(i), -LARGEST, LARGEST) for i, each in enumerate(value)], np.float64
@@ -176,7 +176,7 @@ class Tables(Sequence[Table]):
         return np.array([i for i, value in enumerate(self.values) if name in value], np.int64)
 
     def numbers(self, name: str, rows: NDArray[np.int64], count: int) -> Float64:
-        """Return the values of `Table.numbers` for a field of these objects at once, (len(rows), count) float64."""
+        """Return `Table.numbers` of one field for the objects at indices `rows`, (len(rows), count) float64."""
         values = [self.values[i][name] for i in rows.tolist()]
         if set(map(type, values)) <= {list} and set(map(len, values)) <= {count}:
             flat = [*chain.from_iterable(values)]

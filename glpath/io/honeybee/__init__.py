@@ -3,10 +3,10 @@
     glpath measure room.hbjson --points room.hbjson#GRID -D overcast=10000 -o lux.csv
 
 The reader takes rooms with their faces, apertures and doors; shades and meshes of shades; sensor grids; the first
-perspective view. It takes Radiance's modifiers: of an object, of its room's modifier set, or honeybee's default for
-the type of a face. If two rooms share a face, one of its two copies is taken, and air boundaries are open, as
-honeybee writes them for Radiance. Supported modifiers are opaque, glass, translucent, mirror, light and glow; BSDF
-data are not supported.
+perspective view. The Radiance modifier of an object is its own, otherwise that of its room's modifier set,
+otherwise honeybee's default for its type. If two rooms share a face, one of its two copies is taken. Air boundaries
+are open, as honeybee writes them for Radiance. Supported modifiers are opaque, glass, translucent, mirror, light
+and glow; BSDF data are not supported.
 
 Units are those of the file, and z is up.
 

@@ -41,7 +41,8 @@ from glpath.scene.tessellate import with_area
 from glpath.system.suggestions import listed_names
 
 _UP = np.array([0.0, 0.0, 1.0])
-# Tolerance of overlaps between the openings and edges of a face, as a fraction of its area.
+# Maximum area by which the openings of a face may overlap each other or its edges, as a fraction of the face's
+# area.
 _MISSING = 1e-2
 # Distance of the eye from a room's corner towards its centre, as a fraction.
 _FROM_CORNER = 0.08
@@ -51,7 +52,7 @@ _EYE = 0.6
 _TARGET = 0.45
 # Field of view, degrees.
 _FOV = 75.0
-# Minimum width and height of a view in degrees; the ratio of smaller ones may not be a number.
+# Minimum width and height of a view in degrees. The aspect ratio of smaller views may be NaN.
 _MIN_VIEW = 1e-3
 
 
@@ -70,7 +71,8 @@ def read_honeybee(
 ) -> Scene:
     """Read the scene of an HBJSON file; see `glpath.io.honeybee`.
 
-    Raises SceneError with the name of the object. Warns if a sky or a view is set because the file has none.
+    Raises SceneError with the name of the object that is wrong. Warns if a sky or a view is set because the file
+    has none.
     """
     model = read_model_file(path)
     location = SourceLocation(str(path))

@@ -19,7 +19,7 @@ Ring = Annotated[list[Point], Meta(min_length=3)]
 
 
 def _in_file(name: str) -> str:
-    """Return the key of a field in the file; lists of shades have the plural there."""
+    """Return the file's key for a field; a key that would end in _shade gets a plural s."""
     return f"{name}s" if name.endswith("_shade") else name
 
 
@@ -131,7 +131,7 @@ class View(Struct):
 
 
 class ModifierSet(Struct):
-    """Names of modifiers by the type of an object and its visible side."""
+    """Names of modifiers for each type of object, by keys such as interior_modifier."""
 
     identifier: str
     wall_set: dict[str, Any] | None = None

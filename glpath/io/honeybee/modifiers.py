@@ -94,7 +94,7 @@ def _glazing(transmissivity: float) -> dict[str, Any]:
     return {"type": "Glass"} | {f"{channel}_transmissivity": transmissivity for channel in "rgb"}
 
 
-# Modifiers that every file of honeybee may name.
+# Modifiers that a honeybee file may name without defining them.
 _STANDARD: dict[str, dict[str, Any]] = {
     "generic_floor_0.20": _grey(0.2),
     "generic_wall_0.50": _grey(0.5),
@@ -281,7 +281,8 @@ def _material(name: str, read: Struct) -> Material:
 def _trans(name: str, read: _Trans) -> Material:
     """Return a translucent material.
 
-    A fraction of the light that is not reflected at once is transmitted, and a fraction of that goes straight.
+    Of the light that is not reflected specularly, a fraction is transmitted. Of the transmitted light, a fraction
+    is not scattered.
     """
     straight = read.transmitted_diff * read.transmitted_spec
     scattered = read.transmitted_diff - straight

@@ -23,7 +23,7 @@ _LENGTH = re.compile(r"\s*([0-9.]+)\s*mm\s*")
 # Diagonal of a 35 mm film frame, 24 x 36 mm, to which focal lengths refer.
 _DIAGONAL = float(np.hypot(24.0, 36.0))
 _RESOLUTION = (768, 576)
-# Maximum depth of a near plane, as a fraction of the scene's size, that cuts off nothing relevant.
+# Depth of the near plane, as a fraction of the scene's size, up to which it counts as cutting off nothing.
 _NEGLIGIBLE = 1e-2
 
 
@@ -67,11 +67,11 @@ def camera_of(plugin: Plugin) -> tuple[Camera, Clips]:
             "shears the picture.", "Give a lookat, or rotations and a translation."
         )
     for name in ("shutter_open", "shutter_close"):
-        plugin.number(name, 0.0, 0.0)  # unused, because nothing moves
+        plugin.number(name, 0.0, 0.0)  # has no effect, because nothing moves
     clips = Clips(*(plugin.number(f"{side}_clip", default, 0.0) for side, default in Clips()._asdict().items()))
     position, forward = world[:3, 3], axes[:, 2]
     camera = Camera(position, position + forward, axes[:, 1], 40.0, (width, height))
-    if plugin.kind == "orthographic":  # the image is 2 wide before its transform
+    if plugin.kind == "orthographic":  # Mitsuba's image is 2 wide before `to_world` scales it
         across, up = np.linalg.norm(world[:3, :2], axis=0).tolist()
         aspect = 1.0 if np.isclose(across, up, rtol=1e-9) else across / up
         camera = replace(camera, projection="orthographic", height=2.0 * up * height / width, pixel_aspect=aspect)
@@ -86,7 +86,7 @@ def camera_of(plugin: Plugin) -> tuple[Camera, Clips]:
             focus_distance=plugin.number("focus_distance", 1.0, 1e-12),
         )
     else:
-        plugin.number("focus_distance", 1.0)  # all of Mitsuba's cameras have it; a pinhole ignores it
+        plugin.number("focus_distance", 1.0)  # all of Mitsuba's cameras have this parameter; a pinhole ignores it
     if plugin.nested("sampler"):
         pass  # samples are options of `glpath render`
     plugin.check_all_read()

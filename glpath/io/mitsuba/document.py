@@ -24,17 +24,17 @@ _NESTED = 100  # maximum depth of nested elements
 _MAX_ELEMENTS = 2**19
 # Maximum number of files of a scene with its includes.
 _MAX_FILES = 2**10
-# Maximum number of bytes that values substitute for `$name` in a scene with its includes.
+# Maximum total length, in characters, of the values that replace `$name`s in a scene with its includes.
 _MAX_VALUES = 2**22
 # Maximum depth of plugins nested by `<ref>`s. If each plugin has two `<ref>`s, the number of plugins doubles with
 # each level.
 _MAX_REFERENCES = 16
-# Limits of the parameters' names in letters, and of the `<path>`s of a scene with its includes.
+# Maximum length of a parameter's name in characters, and maximum number of `<path>`s in a scene with its includes.
 _MAX_NAME, _MAX_PATHS = 256, 2**10
 _DOLLAR = re.compile(r"\$(\w+)")
 _VERSION = re.compile(r"([0-9]{1,4})(\.|$)")
 _CAMEL = re.compile(r"([a-z0-9])([A-Z])")
-# Names of Mitsuba 0.x that are not simply today's names in camel case.
+# Tags of Mitsuba 0.x that have another name today.
 _RENAMED = {"lookAt": "lookat"}
 
 
@@ -90,7 +90,7 @@ class Document:
     def resolved(self, element: Element, depth: int = 0) -> Element:
         """Return the element to which a `<ref>` refers; any other element itself. Raises SceneError.
 
-        depth : number of plugins around it
+        depth : number of plugins around the element
         """
         if depth > _MAX_REFERENCES:
             raise element.location.error(
@@ -117,8 +117,8 @@ def read_document(
     """Read the document of a file. Raises SceneError, also for parameters that the file does not have.
 
     parameters : values that replace the file's `<default>`s, and values for `$name` without a default
-    complete   : True raises SceneError for a `$name` without a value and for unknown parameters; otherwise such a
-                 value is empty text
+    complete   : True raises SceneError for a `$name` without a value and for unknown parameters. False replaces
+                 such a `$name` by empty text and ignores unknown parameters
     others     : names of optional parameters, which the file need not have
     """
     reader = _Reader({name: str(value) for name, value in parameters.items()}, [path.parent], complete)
@@ -159,7 +159,7 @@ class _Reader:
         """Return the root element of a file.
 
         location      : location that names the file
-        depth, nested : number of files and of elements around it
+        depth, nested : number of files that include the file, and of elements around its root
         """
         if depth > _DEEPEST:
             raise location.error(f"includes files in each other, more than {_DEEPEST} deep.", "Is it a circle?")
@@ -225,7 +225,10 @@ class _Reader:
         element.children = children
 
     def _search(self, element: Element) -> None:
-        """Add the folder of a `<path>`, relative to the folder of its own file or of the scene."""
+        """Add the folder of a `<path>` to the searched folders.
+
+        The folder is relative to the folder of the file with the `<path>`, or to that of the scene.
+        """
         self._paths += 1
         if self._paths > _MAX_PATHS:
             raise element.location.error(f"is the <path> after {_MAX_PATHS:,} others; no more are read.")
@@ -295,14 +298,14 @@ class _Reader:
         except expat.ExpatError as error:
             location = SourceLocation(str(path), f"line {error.lineno}, column {error.offset + 1}")
             raise location.error(f"is not XML: {expat.errors.messages[error.code]}.") from error
-        except (LookupError, ValueError) as error:  # raised for the declared encoding
+        except (LookupError, ValueError) as error:  # raised for an unknown declared encoding
             location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}")
             raise location.error(f"has an encoding that is not read: {error}.", "Write it as UTF-8.") from error
         return roots[0]
 
 
 def _check_length(name: str, element: Element) -> None:
-    """Raise SceneError for a parameter with a long name; substitution tries each of its beginnings."""
+    """Raise SceneError for a parameter with a long name, because substitution tries every prefix of a name."""
     if len(name) > _MAX_NAME:
         raise element.location.error(
             f"names the parameter {shown(name)} of {len(name):,} letters, but {_MAX_NAME} are the most.",

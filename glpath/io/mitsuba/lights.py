@@ -21,9 +21,9 @@ from glpath.scene.geometry import Float64
 from glpath.scene.model import Environment, Light, Sky
 
 _KINDS = dict.fromkeys(("point", "spot", "directional", "constant", "envmap", "sunsky"))
-# Minimum ratio of the beam width to the cone's cutoff angle without a note on the falloff.
+# Ratio of a spot's beam width to its cutoff angle below which a note reports the different falloff.
 _SHARP = 0.999
-# Minimum rows of a map in which a shift by half a row is invisible.
+# Number of rows of a map from which on a shift by half a row is invisible, so that its rows are not resampled.
 _SMALL = 1100
 # Rows of a stretched map that are computed at once, to save memory.
 _ROWS_AT_ONCE = 64

@@ -27,7 +27,7 @@ from glpath.scene.geometry import Float64, Mesh, placed, unit_normals
 from glpath.scene.tessellate import quad_mesh
 from glpath.system.files import read_bytes, reason_of
 
-_SEGMENTS = 128  # around a disk or a cylinder
+_SEGMENTS = 128  # number of segments around a disk or a cylinder
 # Corners of each face of a cube with uv (0, 1), (1, 1), (1, 0) and (0, 0), v downwards.
 _CUBE = np.array(
     [
@@ -42,15 +42,15 @@ _CUBE = np.array(
 ).reshape(24, 3)
 _CUBE_UV = np.array([(0, 1), (1, 1), (1, 0), (0, 0)], np.float64)
 _CUBE_FACES = np.concatenate([np.array([(0, 1, 2), (3, 0, 2)], np.int32) + 4 * face for face in range(6)])
-# Colours up to this value exceed 1 only by rounding.
+# Maximum colour value without a warning. Values up to it exceed 1 only by rounding.
 _MAX_REFLECTANCE = 1.0 + 1e-6
 _SERIALIZED = 0x041C
-# Number of bytes that contain the flags, the name and the counts of a mesh.
+# Number of unpacked bytes at the start of a mesh within which its flags, name and counts must lie.
 _SERIALIZED_HEAD = 4096
 # Unpacked size of a mesh that is always allowed, bytes.
 _SERIALIZED_SMALL = 2**24
-# Maximum ratio of unpacked to packed bytes above this size. Meshes of surfaces are packed to between a half and a
-# tenth.
+# Maximum ratio of unpacked to packed bytes for meshes larger than _SERIALIZED_SMALL. Meshes of surfaces have ratios
+# from 2 to 10.
 _SERIALIZED_RATIO = 32
 
 
@@ -101,7 +101,7 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> tuple[Mesh
 
 
 def _alike(meshes: list[Mesh]) -> list[Mesh]:
-    """Return the meshes, all with texture coordinates if any mesh has some: NaN for missing ones."""
+    """Return the meshes. If any has texture coordinates, meshes without them get NaN as texture coordinates."""
     if all(mesh.uv is None for mesh in meshes):
         return meshes
     return [
@@ -116,7 +116,7 @@ def with_uv_of_triangles(mesh: Mesh) -> Mesh:
 
 
 def uv_lengths(mesh: Mesh, world_from_mesh: Float64) -> tuple[float, float]:
-    """Return the scene units per u and per v, area-weighted means over a mesh; 1 without texture coordinates."""
+    """Return the scene units per unit of u and of v, area-weighted means over a mesh; 1 if the mesh has no uv."""
     if mesh.uv is None:
         return 1.0, 1.0
     corners = placed(mesh.vertices, world_from_mesh)[mesh.faces]
@@ -161,7 +161,7 @@ def disk() -> Mesh:
 
 
 def cylinder(start: Float64, end: Float64, radius: float) -> Mesh:
-    """Return a tube between two points without caps, its front outside. u is the angle, v runs along it."""
+    """Return a tube between two points without caps, its front outside. u is the angle, v runs along the axis."""
     angles = 2.0 * np.pi * np.arange(_SEGMENTS + 1) / _SEGMENTS
     axis = end - start
     length = float(np.linalg.norm(axis))
@@ -201,7 +201,7 @@ def _v_down(mesh: Mesh) -> Mesh:
 
 
 def _ply_attribute(stored: PlyMesh, attribute: str, source: str) -> Float64 | None:
-    """Return the (N, 3) colours of the vertices or triangles, or None.
+    """Return the (N, 3) colours of the vertices or triangles; None if the file lacks them.
 
     The columns are NAME_0 to NAME_2, NAME_0 alone, or r, g and b. Integers are fractions of white in sRGB, as in
     Mitsuba for 16 bits. Warns of colours below 0 or above 1.
@@ -288,7 +288,7 @@ def _of_stream(unpack: Any, packed: bytes, version: int, source: str) -> Mesh:
     normals = as_float64(array(number, vertex_count, 3)) if flags & 0x0001 else None
     uv = as_float64(array(number, vertex_count, 2)) if flags & 0x0002 else None
     if flags & 0x0008:
-        array(number, vertex_count, 3)  # colours, unusable without a name
+        array(number, vertex_count, 3)  # skip the colours: they have no name by which a surface could use them
     faces = array("<u8" if vertex_count > 0xFFFFFFFF else "<u4", face_count, 3)
     if not face_count or faces.max() >= vertex_count:
         raise ValueError("its faces name vertices that it does not have")
@@ -296,7 +296,10 @@ def _of_stream(unpack: Any, packed: bytes, version: int, source: str) -> Mesh:
 
 
 def _finite(mesh: Mesh, source: str) -> Mesh:
-    """Return a mesh with unit normals, without values that are not finite. Warns of them."""
+    """Return a mesh with unit normals and only finite values. Warns of values that are not finite.
+
+    Faces with such vertices are removed; such normals and texture coordinates become zero.
+    """
     left_out: dict[str, int] = {}
     uv = None if mesh.uv is None else finite_rows(mesh.uv, "texture coordinates", left_out)
     normals = None if mesh.normals is None else unit_normals(finite_rows(mesh.normals, "normals", left_out))

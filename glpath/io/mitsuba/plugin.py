@@ -18,7 +18,7 @@ from glpath.system.suggestions import similar_names
 
 #: Tags of elements that are plugins.
 PLUGINS = ("bsdf", "texture", "emitter", "shape", "medium", "sensor", "film", "sampler", "rfilter", "integrator")
-#: Linear Rec. 709 of light with equal energy at all wavelengths; a light's `<spectrum>` with one number means this.
+#: Linear Rec. 709 of light with energy 1 at all wavelengths. A light's `<spectrum>` with one number multiplies it.
 EQUAL_ENERGY = np.array([1.204795, 0.948289, 0.908916])
 #: Allowed types of a `<spectrum>`.
 _SPECTRA = dict.fromkeys(("d65", "blackbody", "uniform", "srgb", "regular", "irregular"))
@@ -107,7 +107,10 @@ class Plugin:
         return self._properties[name].tag if name in self._properties else ""
 
     def colour(self, name: str, default: float, *, light: bool = False) -> Float64:
-        """Return (3,) linear Rec. 709, 0 or more. light: True for a light, False for a reflectance."""
+        """Return the (3,) value of a colour parameter, linear Rec. 709, 0 or more.
+
+        light : True for a light, False for a reflectance
+        """
         child = self._take(name, ("rgb", "spectrum", "float"))
         if child is None:
             return np.full(3, default)
@@ -158,7 +161,7 @@ class Plugin:
         return values
 
     def vector(self, name: str, default: Sequence[float] | None = None) -> Float64:
-        """Return (3,) of a point or a vector. Without a default it is required."""
+        """Return the (3,) value of a point or vector parameter; without a default the parameter is required."""
         child = self._take(name, ("point", "vector"))
         if child is None:
             if default is None:
@@ -183,9 +186,9 @@ class Plugin:
         return matrix
 
     def inverse_transform(self, name: str) -> Float64:
-        """Return the (4, 4) inverse as in Mitsuba.
+        """Return the (4, 4) inverse of `transform`, as Mitsuba computes it.
 
-        It transposes rotations, even if their axis is no unit vector.
+        Mitsuba inverts a rotation by transposing it, even if its axis is no unit vector.
         """
         child, matrix = self._take(name, ("transform",)), np.eye(4)
         for step in child.children if child is not None else ():
@@ -335,7 +338,7 @@ def _checked(value: float, element: Element, low: float, high: float) -> float:
 
 
 def _vector(element: Element, default: float) -> Float64:
-    """Return (3,) from value="x, y, z", or from x, y and z."""
+    """Return (3,) from the attribute value="x, y, z", or from x, y and z; missing coordinates are `default`."""
     if "value" in element.attributes:
         return np.array(np.broadcast_to(_numbers(element, "value", (1, 3)), 3), np.float64)
     return np.array(

@@ -76,7 +76,7 @@ class Reader:
                 self._put(name, part, plugin)
 
     def finish(self) -> None:
-        """Add the instances, each mesh once with all its transforms."""
+        """Add a shape for each instanced mesh, with the transforms of all its instances."""
         for (group, number, mirrored), own_maps in self._instances.items():
             name, part = self._groups[group][number]
             maps = np.stack([_composed(m, part.world_from_object) for m in own_maps])

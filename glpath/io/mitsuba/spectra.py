@@ -1,7 +1,7 @@
 """Conversion of spectra to linear Rec. 709 as in Mitsuba's RGB variants: by the CIE curves of 1931.
 
-Reflectances are weighted by D65, so 1 at all wavelengths is white. Light is not weighted: its unit is Mitsuba's, in
-which D65 of luminance 1 is white of value 1. Colours outside the gamut are clipped at 0.
+Reflectances are weighted by D65, so 1 at all wavelengths is white. Light is not weighted. Its unit is Mitsuba's, in
+which D65 of luminance 1 has the colour (1, 1, 1). Colours outside the gamut are clipped at 0.
 
 Source: Mitsuba 3.9, `spectrum_list_to_srgb`; CIE 018:2019, tables of the 2 degree observer and of illuminant D65.
 """

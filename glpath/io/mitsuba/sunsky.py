@@ -57,9 +57,10 @@ _IRRADIANCES = np.array([
     [0.9333, 0.9655, 0.9307, 0.9524, 0.7599, 0.6005],
     [0.7732, 0.8037, 0.8093, 1.026, 0.8332, 0.6741],
 ])  # fmt: skip
-# Polynomial coefficients of sky light over ground albedo, relative to albedo 0.3, for turbidity 3.
+# Coefficients, highest power first, of a polynomial in the ground albedo. It gives the sky light relative to that
+# for albedo 0.3, at turbidity 3.
 _OF_ALBEDO = (0.2375, 0.239, 0.907)
-# Approximate W m^-2 of daylight per Mitsuba unit; the pattern of Perez' sky depends on it.
+# Approximate W m^-2 of daylight per Mitsuba unit. The pattern of Perez' sky depends on irradiances in watts.
 _WATTS = 700.0
 
 

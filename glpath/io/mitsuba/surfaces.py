@@ -3,7 +3,8 @@
 Fresnel:  metals and dielectrics use Fresnel's equations, as in Mitsuba. The base of plastic and "principled" is
           Mitsuba's (`Material.layering`).
 Sides:    black from behind, as in Mitsuba, unless "twosided".
-Rough:    GGX or Beckmann of the same alpha. Light that microfacets scatter twice is lost, as in Mitsuba.
+Rough:    GGX or Beckmann microfacets with Mitsuba's alpha. Light that microfacets scatter twice is lost, as in
+          Mitsuba.
 Poor at:  BSDFs without a counterpart, which are refused by name.
 """
 
@@ -98,7 +99,7 @@ class Surfaces:
         return "" if plugin is None else str(self._fields(plugin).get("vertex_colours", ""))
 
     def back(self, plugin: Plugin | None) -> Plugin | None:
-        """Return the surface of the back; None if it equals that of the front."""
+        """Return the surface of the back; None if back and front have the same surface."""
         return None if plugin is None else self._fields(plugin).get("back")
 
     def is_turned(self, plugin: Plugin | None) -> bool:
@@ -152,7 +153,7 @@ class Surfaces:
         return plugin.fraction(name, default) if texture is None else self.textures.numbers(texture)
 
     def _rough(self, plugin: Plugin, default: float) -> Fields:
-        """Return roughness, the root of alpha, with anisotropy or a texture."""
+        """Return roughness, the square root of alpha, with anisotropy or a texture."""
         distribution = plugin.text("distribution", "beckmann", ("beckmann", "ggx"))
         common: Fields = {**_ROUGH, "distribution": distribution}
         if "sample_visible" in plugin:
@@ -210,7 +211,7 @@ class Surfaces:
         return fields | {"surface_texture": self.textures.slot(first.with_image(first.name, image))}
 
     def _ratio(self, plugin: Plugin, inside: str) -> float:
-        """Return the index inside over the index outside. Raises SceneError for an unknown medium."""
+        """Return the refractive index inside divided by that outside. Raises SceneError for an unknown medium."""
         indices = []
         for name, default in (("int_ior", inside), ("ext_ior", "air")):
             if plugin.kind_of(name) == "string":
@@ -327,7 +328,7 @@ class Surfaces:
     def _principled(self, plugin: Plugin) -> Fields:
         for name in ("spec_tint", "sheen", "flatness"):
             plugin.refuse_unless(name, 0.0, "glpath's material has no such lobe")
-        self._unused(plugin, "sheen_tint")  # the tint of an absent sheen
+        self._unused(plugin, "sheen_tint")  # has no effect, because sheen must be 0
         fields: Fields = {"two_sided": False, **_ROUGH, **_without_look(self._base(plugin, "base_color", 0.5))}
         fields["layering"] = "disney"
         rough, metal = self._scalar(plugin, "roughness", 0.5), self._scalar(plugin, "metallic", 0.0)
@@ -341,7 +342,7 @@ class Surfaces:
         else:
             fields |= {"roughness": rough, "metallic": metal}
         fields["anisotropy"] = anisotropic = plugin.fraction("anisotropic", 0.0)
-        if isinstance(rough, float) and metal == 1.0:  # pure metal equals glTF's
+        if isinstance(rough, float) and metal == 1.0:  # pure metal is as in glTF
             fields["layering"], aspect = "gltf", np.sqrt(1.0 - 0.9 * anisotropic)
             if anisotropic > 0:
                 fields |= _stretched(max(SMOOTH, rough**2 / aspect), max(SMOOTH, rough**2 * aspect))
@@ -393,7 +394,7 @@ class Surfaces:
     def _bump_map(self, plugin: Plugin) -> Fields:
         """Return a surface with a texture of heights.
 
-        It becomes a normal map when the size of the shape is known.
+        The texture is converted to a normal map later, when the size of the shape is known.
         """
         textures = plugin.nested("texture")
         if len(textures) != 1:
@@ -510,7 +511,10 @@ def _without_microfacets(fields: Fields) -> Fields:
 
 
 def _addable(one: Fields, other: Fields) -> bool:
-    """Return True if the diffuse bases of both can be added: neither has a texture, or one is black."""
+    """Return True if two surfaces can be added to one.
+
+    At most one may have a Phong highlight. Their diffuse bases must have no texture, or one base must be black.
+    """
     textured = [bool(each.get("texture") or each.get("vertex_colours")) for each in (one, other)]
     black = [not each["reflectance"].any() for each in (one, other)]
     has_exponent = "exponent" in one and "exponent" in other

@@ -30,9 +30,9 @@ from glpath.scene.source_location import SourceLocation
 from glpath.system.terminal import encodable
 
 _KINDS = ("bitmap", "checkerboard", "rawconstant", "uniform", "srgb")
-# Factor by which an image is refined before its colours are changed.
+# Factor by which the width and height of an image are increased before its colours are changed.
 _FINER = 5
-# Maximum number of texels of an image that is refined.
+# Maximum number of texels of an image that is enlarged in this manner; larger images keep their size.
 _MAX_INTERPOLATED = 65536
 FORMATS = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
 # sRGB byte whose reflectance is nearest to 0.5.
@@ -65,7 +65,7 @@ class Look:
         return np.asarray(luminance(self.linear.astype(np.float64)))
 
     def looked_up_as(self, other: Look) -> bool:
-        """Return True if both can be channels of one image."""
+        """Return True if both images have the same size and lookup, so that they can be channels of one image."""
         return (
             self.image.shape[:2] == other.image.shape[:2]
             and (self.filter, self.wrap) == (other.filter, other.wrap)
@@ -80,7 +80,7 @@ class Look:
 class Textures:
     """Textures of a scene, added when they are used.
 
-    files : locations of their images
+    files : image files that were found elsewhere, and images that are not used
     """
 
     def __init__(self) -> None:
@@ -138,7 +138,7 @@ class Textures:
         if not name:
             raise plugin.location.error("lacks the parameter `filename`, which must be there.")
         raw = plugin.flag("raw", False)
-        plugin.text("format", "auto", ("auto", "variant", "fp16", "fp32"))  # Mitsuba's storage format
+        plugin.text("format", "auto", ("auto", "variant", "fp16", "fp32"))  # Mitsuba's storage format, unused here
         filter_type = plugin.text("filter_type", "bilinear", ("bilinear", "nearest"))
         wrap = plugin.text("wrap_mode", "repeat", ("repeat", "clamp", "mirror"))
         path, where = plugin.element.file(name), plugin.where("filename")
@@ -240,8 +240,8 @@ def _interpolated(image: Float64, axis: int, wrap: Wrap) -> Float64:
 def bent(look: Look, scale: float, uv_lengths: tuple[float, float]) -> Look:
     """Return the normal map of an image of heights.
 
-    scale      : scene units of a height of one
-    uv_lengths : scene units of one u and one v
+    scale      : height in scene units for which the image value 1 stands
+    uv_lengths : scene units per unit of u and of v
     """
     heights = scale * look.grey
     rows, columns = heights.shape
