@@ -35,7 +35,7 @@ class Nodes(NamedTuple):
 
 
 def collapse_compiled(tree: Bvh, node_cost: float = 0.0) -> WideBvh:
-    """Return the wide tree of at least two items like `glpath.accel.wide.collapse`, with 32-bit numbers.
+    """Return the same wide tree as `glpath.accel.wide.collapse`, for at least two items, with 32-bit indices.
 
     node_cost : constant cost of each node in addition to its area, for fewer nodes with more children
     """
@@ -51,7 +51,7 @@ def collapse_compiled(tree: Bvh, node_cost: float = 0.0) -> WideBvh:
 
 
 def octant_orders(wide: WideBvh) -> NDArray[np.uint8]:
-    """Return (W, 8) `WideBvh.order` by octant, with two bits a child, the first child in the lowest bits."""
+    """Return (W, 8), `WideBvh.order` for each octant, packed into two bits per child, first child lowest."""
     orders, splits = np.empty((len(wide), 8), np.uint8), np.empty((WIDTH - 1, 4), np.int64)
     _octant_orders(Nodes.of(wide.tree), wide.children, wide.roots, orders, splits)
     return orders
@@ -59,7 +59,7 @@ def octant_orders(wide: WideBvh) -> NDArray[np.uint8]:
 
 @kernel
 def _min_cost_parts(tree, node_cost, parts, costs):  # type: ignore[no-untyped-def]
-    """Fill parts (N, 5) of the inner nodes. costs: stack of the costs of subtrees whose parents follow."""
+    """Fill parts (N, 5) of the inner nodes. costs: stack of costs of subtrees whose parents are still to come."""
     lower, upper, skip, first, count = tree.lower, tree.upper, tree.skip, tree.first, tree.items
     top = 0
     for node in range(len(skip) - 1, -1, -1):
@@ -138,7 +138,8 @@ def _collapse(tree, parts, pending, children, roots):  # type: ignore[no-untyped
 def _assign(tree, parts, children, wide, node, budget, lane):  # type: ignore[no-untyped-def]
     """Put a subtree of a wide node, in up to `budget` parts, into its lanes from `lane` on."""
     skip, first, count = tree.skip, tree.first, tree.items
-    # At most three parts: the left one of two, the right one, and a repetition for the larger of both.
+    # With at most three parts, one child at most is divided further. Each round stores the other child, and
+    # continues with this one.
     for _ in range(WIDTH):
         if count[node]:
             budget = 1
@@ -167,7 +168,8 @@ def _octant_orders(tree, children, roots, orders, splits):  # type: ignore[no-un
     """
     lower, upper, skip = tree.lower, tree.upper, tree.skip
     for wide in range(len(roots)):
-        # All words begin with the order of the binary tree; a swapped node exchanges the children below it.
+        # The words of all octants begin with the order of the binary tree. Then each binary node whose second child
+        # is hit first exchanges the groups of wide children below its two children.
         word, found = 0, 0
         for lane in range(WIDTH):
             if children[wide, lane] >= 0:

@@ -254,8 +254,8 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                 u = (u - mirrored - through) / rest
                 chance = survival / (rest * surfaces.opacity[triangle])
             if is_culled and not surfaces.from_eye and back == 0:
-                # It is reflected, and also lights the surfaces behind; one of both is chosen, with the energy of
-                # both.
+                # The particle is reflected, and also passes to light the surfaces behind. One of the two is chosen
+                # at random, and gets the energy of both.
                 state, u = next_random(state)
                 for k in range(3):
                     w[k] *= 1 + chance
@@ -319,7 +319,10 @@ def _bin(normal, d):  # type: ignore[no-untyped-def]
 
 @kernel_part
 def _leave(state, normal, back, d):  # type: ignore[no-untyped-def]
-    """Fill d with a cosine-weighted direction about a side's normal: a point of the unit sphere around its tip."""
+    """Fill d with a cosine-weighted direction about a side's normal.
+
+    It leads to a random point of the unit sphere around the normal's tip.
+    """
     state, u = next_random(state)
     state, v = next_random(state)
     z = 1 - 2 * u

@@ -1,8 +1,9 @@
 """Visibility between polygons past occluders: exact from every point of one, quadrature over these points.
 
-Occluders between two polygons are clipped to the part in front of both. From a point, each casts a pyramid whose
-planes divide the visible part of the other polygon into convex parts. Parts outside all pyramids are visible, and
-Lambert's formula gives their form factor. Because visibility from a point is exact, the integrand is continuous.
+Occluders between two polygons are clipped to the part in front of both. For a point on one polygon, each occluder
+has a shadow pyramid, whose planes divide the other polygon into convex parts. Parts outside all pyramids are
+visible, and Lambert's formula gives their form factor. Because visibility from a point is exact, the integrand is
+continuous.
 
 Source: Nishita & Nakamae 1983, "Half-tone representation of 3-D objects illuminated by area sources".
 
@@ -20,15 +21,15 @@ from glpath.system.kernels import inner_kernel
 
 #: Maximum number of parts of the visible polygon that wait to be divided further.
 PARTS = 1024
-#: Number of blocks of points whose means are compared.
+#: Number of blocks into which points are divided; differences of the blocks' means give the standard error.
 BLOCKS = 4
-#: Standard error of the visible fraction times the number of points, if all points agree; a shadow may pass between
-#: them.
+#: If nearly all points agree, this value divided by their number is added to the standard error of the visible
+#: fraction, in squares, because a shadow may lie between the points.
 MISSED = 0.3
 #: Number of stored points of Sobol's sequence.
 MAX_POINTS = 1 << 16
-#: Fraction of the points' relative error for the unoccluded exchange area, which is known, that counts as one
-#: standard error.
+#: The points also estimate the unoccluded exchange area, whose exact value is known. This fraction of the relative
+#: error of that estimate is added to the standard error of the visible fraction, in squares.
 UNKNOWN = 0.5
 _UNIT = 2.0**-32
 
@@ -79,9 +80,9 @@ def hides_all(first, second, occluders, o, work):  # type: ignore[no-untyped-def
 
 @inner_kernel
 def _make_side(x, y, z, o, k, work):  # type: ignore[no-untyped-def]
-    """Write plane k of the pyramid from a point over occluder o: an inward normal, not normalized, and a tolerance.
+    """Write plane k of occluder o's shadow pyramid from a point: inward normal, not normalized, and a tolerance.
 
-    Heights over the plane within the tolerance are rounding.
+    Heights above the plane within the tolerance count as rounding errors.
     """
     n = work.clipped_count[o]
     j = k + 1 if k + 1 < n else 0
@@ -136,7 +137,7 @@ def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-
         n, o = corners[top], following[top]
         alive = True
         while alive and o < clipped:
-            if fronts[o] == 0:  # edge-on
+            if fronts[o] == 0:  # the point lies in the occluder's plane, so the occluder hides nothing
                 o += 1
                 continue
             # A part outside one plane is not affected by the pyramid; a part inside all planes is hidden.
@@ -154,7 +155,7 @@ def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-
                     lowest, highest = min(lowest, h), max(highest, h)
                 if highest <= eps:
                     outside = True
-                    work.parting[o] = e  # likely to separate them for the next point too
+                    work.parting[o] = e  # this plane probably separates part and pyramid for the next point too
                     break
                 if lowest < -eps:
                     inside = False
@@ -221,7 +222,7 @@ def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-
 
 @inner_kernel
 def point_of(polygon, first, second, fan, begin):  # type: ignore[no-untyped-def]
-    """Return the point of a polygon for two 32-bit integers.
+    """Map two 32-bit integers to a point of a polygon, uniformly by area.
 
     fan   : (n,) working memory for cumulative areas of the fan's triangles
     begin : True to compute `fan` first
@@ -285,7 +286,8 @@ def seen_share(a, plane, b, exchange, sampling, seed, clipped, work):  # type: i
         if whole <= 0:
             return 0.0, 0.0, points
         share = seen / whole
-        # Variance of the ratio: the exact exchange area is known, so the points' error of the total cancels.
+        # Variance of the ratio of visible to total sums. The ratio is applied to the exact exchange area, so errors
+        # that both sums share cancel.
         variance = 0.0
         for block in range(BLOCKS):
             variance += (sums[block, 0] - share * sums[block, 1]) ** 2
@@ -316,7 +318,10 @@ def _reversed(x):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _times(x, low, high):  # type: ignore[no-untyped-def]
-    """Return the lower 32 bits of a product, by halves of the second factor, without exceeding 63 bits."""
+    """Return the lower 32 bits of x times a factor, without exceeding 63 bits.
+
+    low, high : lower and upper 16 bits of the factor
+    """
     return (x * low + ((x * high & 0xFFFF) << 16)) & 0xFFFFFFFF
 
 

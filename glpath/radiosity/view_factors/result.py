@@ -37,7 +37,7 @@ Float64 = NDArray[np.float64]
 
 #: Format number of the file; it changes with the layout.
 FORMAT = 2
-#: Allowed deviation of row sums from 1 before closure is enforced.
+#: Deviation of row sums from 1 up to which a room counts as closed, unless a row's estimated error is larger.
 _OPEN = 0.02
 _ROUNDS = 20
 
