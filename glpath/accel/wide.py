@@ -1,8 +1,8 @@
 """Tree of up to four children a node, made from a binary one: a ray tests four boxes at a time.
 
-Dynamic programming from the leaves up selects the nodes of the binary tree that remain: those with the minimum sum
-of areas, so that a random ray visits the fewest. All nodes of a level are processed at once, so no compiled code is
-needed.
+Dynamic programming from the leaves up selects the nodes of the binary tree that remain. They have the minimum sum
+of areas, so that a random ray visits as few nodes as possible. All nodes of a level are processed at once, so no
+compiled code is needed.
 
 Cost:     about a second for a million boxes.
 Poor at:  trees as deep as their number of leaves, whose levels have one node each.
@@ -37,8 +37,8 @@ class WideBvh:
                parents come before their children. The first is the root; if the tree is a single leaf, the root has
                this leaf as its child. Empty without items
     roots    : (W,) binary node of each wide node
-    stack    : maximum number of nodes on a path from the root to a leaf at which a ray postpones children: nodes
-               with at least two inner children, of which it visits one first
+    stack    : number of stack entries that a ray needs, one for each group of siblings that it visits later. It is
+               the maximum, over nodes with inner children, of their ancestors with at least two inner children
     """
 
     tree: Bvh

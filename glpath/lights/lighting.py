@@ -91,9 +91,9 @@ class Lighting:
         power += [] if shown is None else [shown.mean_integral * radius**2]
         weights = np.array(power, np.float64)
         total = weights.sum()
-        # Power towards the whole scene does not predict visible importance: an emitter over a wide ground under the
-        # sky may send only a hundredth of the power, but light everything in view. So each light's probability is
-        # at least half of a uniform one, and at least half of that by power.
+        # Power towards the whole scene does not predict which light matters in view. An emitter over a wide ground
+        # under the sky may send only a hundredth of the power, but light all that is visible. So each light's
+        # probability is at least half of a uniform one, and at least half of one in proportion to power.
         share = 0.5 * weights / total + 0.5 / len(weights) if len(weights) else weights
         density = np.zeros(len(scene.triangles))
         appearance = Appearance(scene)

@@ -1,8 +1,8 @@
 """Rectangular emitters that subtend a large solid angle, for samples that are uniform in solid angle.
 
-The contribution of a sample uniform by area varies with the squared distance: close to an emitter most samples
+The contribution of a sample uniform by area varies with the squared distance. Close to an emitter most samples
 contribute very little, and few contribute a lot. Samples uniform in solid angle contribute about equally. They cost
-a tenth of a path set's time, so they are used only if emitters subtend large solid angles at the surfaces that they
+a tenth of a path set's time. So they are used only if emitters subtend large solid angles at the surfaces that they
 light.
 
 Cost:     the solid angle of each rectangle at some hundred surface points: a millisecond.

@@ -101,7 +101,7 @@ def _points(
 ) -> tuple[Float64, Float64, NDArray[np.int64], NDArray[np.float64]]:
     """Return sample points (N, 3) on proxies, their areas (N,), triangles (N,) and barycentric coordinates (N, 2).
 
-    Each point is the centre of the area that it represents. Points are dense enough for every cell with surfaces.
+    Each point is the centre of the area that it represents. Every cell with surfaces contains some points.
     """
     corners, areas = scene.triangles[first:], scene.areas[first:]
     parts = np.maximum(np.ceil(np.sqrt(_POINTS * areas) / cell), 1).astype(np.int64)

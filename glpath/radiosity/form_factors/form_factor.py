@@ -8,8 +8,8 @@ solid such as a box on the floor. The form factor of each point is, by `kind`,
     "disc"     the sum over visible samples of cos cos / (pi r^2 + A / n) * A / n, Wallace's discs
 
 In a closed room without occluders, each row of the matrix sums to 1: within rounding for "polygon", approximately
-for "disc". An emitter is divided into 1 to 25 equal parts, with one sample each. It has more parts if it is large
-and near, so that the distance is at least five times the size of a part.
+for "disc". An emitter is divided into 1 to 25 equal parts, with one sample each. The number of parts is such that
+the distance is at least five times the size of a part, if 25 parts suffice for that.
 
 J. Wallace, K. Elmquist, E. Haines, "A ray tracing algorithm for progressive radiosity", 1989.
 
@@ -42,7 +42,8 @@ from glpath.system.time_limit import check_time
 Kind = Literal["polygon", "disc"]
 KINDS: tuple[Kind, ...] = ("polygon", "disc")
 
-#: Minimum distance from a receiver point to an emitter, as a multiple of the size of the emitter's parts.
+#: Minimum distance from a receiver point to an emitter, as a multiple of the size of the emitter's parts. Closer
+#: emitters get more and smaller parts.
 FIVE_TIMES = 5.0
 #: If more than this fraction of the points needs rays, rays go to all points, because all share prepared shafts.
 _MAX_SHARE = 0.4

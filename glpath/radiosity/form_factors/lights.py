@@ -34,8 +34,8 @@ from glpath.system.machine import core_count
 
 Int64 = NDArray[np.int64]
 
-#: Number of rays from a point to the sky, a square number: one in each cell of the unit square, which is mapped to
-#: the hemisphere.
+#: Number of rays from a point to the sky, a square number. The unit square is mapped to the hemisphere, and has one
+#: ray in each of so many cells.
 SKY_RAYS = 64
 #: Number of bins of directions about a normal, a square number: cells of the same square. Guided rays choose a bin
 #: by its probability.

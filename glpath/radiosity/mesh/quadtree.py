@@ -99,8 +99,8 @@ class Detail:
 
     tree       : quadtree of the lattices
     split      : for each level, (E,) bool, True if the element has to be divided
-    misplaced  : (T,) absolute deviations of the energy on the finest elements from the mean of their group of four,
-                 summed over the triangle's significant groups, as a fraction of the scene's arriving energy
+    misplaced  : (T,) variation of light on each triangle's finest elements, as a fraction of the scene's energy. It
+                 sums how much energy the elements' four parts deviate from their mean, where that is significant
     """
 
     tree: Quadtree

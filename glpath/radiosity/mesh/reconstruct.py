@@ -1,6 +1,6 @@
 """Resample one irradiance per element to the lattices of each triangle's smallest elements, and to vertices.
 
-Each vertex gets the mean of the elements around it on its surface, then a correction for the remaining error at
+Each vertex gets the mean of the elements around it on its surface. It is then corrected by the remaining error at
 these elements' centres, so that gradients reach the border of a surface. A vertex in the middle of a longer edge (a
 T-vertex) gets the mean of the edge's ends, so that brightness is continuous there. Values are linear within an
 element.

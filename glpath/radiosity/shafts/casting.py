@@ -102,8 +102,8 @@ def _occluder(segment, found, tree, polygons, object_boxes, lists):  # type: ign
 def _cast_one_by_one(step, group, found, built, work):  # type: ignore[no-untyped-def]
     """Cast the rays of a group as in the paper: test the last occluder, then the shaft's list up to the first hit.
 
-    found : candidates to test if `built` is True; otherwise those of the parent group's shaft, from which the
-            shaft of this group is built when the first ray needs it
+    found : candidates to test if `built` is True; otherwise those of the enclosing group. The shaft of this group
+            is then built from them when the first ray needs it
     """
     tree, polygons, source, lit, groups, settings, visible = step
     lists, latest, counts = work.lists, work.latest, work.counts

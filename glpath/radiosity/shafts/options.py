@@ -52,8 +52,8 @@ class ShaftOptions:
                         them. Valid only if no emitter sample lies inside another solid, because back faces do not
                         block then
     coplanar          : True to remove polygons whose plane has emitter and receiver on one side; useful in rooms
-    mailbox           : True to mark, below a box that stays closed, the children outside the shaft, which rays then
-                        skip ("ratio open"); useful if a shaft has many rays
+    mailbox           : True if rays skip those children of a closed box that are outside the shaft ("ratio open");
+                        useful if a shaft has many rays
     tolerance         : True to begin and end shafts where segments can be blocked, not at the surfaces, which
                         excludes neighbours of the receiver; useful on finely divided surfaces
     coherency         : True to test the last ray's occluder first, and to build the shaft if it misses; useful in

@@ -126,8 +126,8 @@ class Shooting:
                  buried
     buried     : (2, E) bool, True if no part of an element's side is outside solids
     lit        : (2, E, 3) irradiance of the mesh's elements by lights that are not patches, without particles
-    view       : (2,) sum over batches of x, and sum of x^2, if x is `BATCH` times the mean radiance that a gather
-                 adds to the camera's image; 0 without a camera
+    view       : (2,) sums over batches of x and of x^2; 0 without a camera. x is `BATCH` times the mean radiance
+                 that a gather adds to the camera's image
     whole      : False while the sums change, so that a signal handler does not store them half changed
     """
 

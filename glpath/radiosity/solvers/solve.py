@@ -55,7 +55,7 @@ DEFAULT_ADAPTIVE = 6
 _CACHE_SHARE = 0.25
 #: Maximum size of cached form factors, bytes.
 _CACHE_MAX = 4 << 30
-#: Maximum number of batches up to which particles are added to those that the caller requests.
+#: Maximum number of batches, including those added for smaller elements or a camera, unless the caller wants more.
 _MAX_BATCHES = 64
 #: Target relative error of the gathered light for a camera. Light of a sky may enter through a small window, so
 #: particles are added until the standard error meets this target.

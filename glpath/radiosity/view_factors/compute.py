@@ -1,7 +1,7 @@
 """Compute view factors between faces, row by row on all cores; the computation can be resumed.
 
-Each pair of facets is evaluated once. By reciprocity its exchange area holds in both directions, so only facets
-that follow in the order of the BVH are evaluated, and the other half of the matrix is the transpose.
+Each pair of facets is evaluated once, because by reciprocity its exchange area is the same in both directions. A
+facet's row has only the facets that follow in the order of the BVH. The other half of the matrix is the transpose.
 """
 
 from __future__ import annotations

@@ -26,8 +26,9 @@ from glpath.system.kernels import inner_kernel, inner_sum
 #: must be above 1.
 _CLOSE = 1.1
 
-#: Tolerance of the contour integral, as a fraction of the allowed error. It is below 1 because on an edge much
-#: longer than the polygons' distance, both rules may agree although no point lies where the polygons are close.
+#: Tolerance of the contour integral, as a fraction of the allowed error. It is below 1, because both rules may
+#: agree although they are wrong. This happens on an edge much longer than the polygons' distance, if no point is
+#: close.
 _NEAR = 0.2
 #: Maximum error of Kronrod's seven points, as a fraction of their difference from Gauss's three points.
 _SEVEN = 0.1

@@ -23,8 +23,8 @@ from glpath.system.kernels import inner_kernel
 PARTS = 1024
 #: Number of blocks into which points are divided; differences of the blocks' means give the standard error.
 BLOCKS = 4
-#: If nearly all points agree, this value divided by their number is added to the standard error of the visible
-#: fraction, in squares, because a shadow may lie between the points.
+#: If nearly all points agree, a shadow may still lie between them. This value divided by their number is then added
+#: to the standard error of the visible fraction, in squares.
 MISSED = 0.3
 #: Number of stored points of Sobol's sequence.
 MAX_POINTS = 1 << 16

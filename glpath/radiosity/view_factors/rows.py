@@ -44,9 +44,10 @@ _MANY_OCCLUDERS = 48
 
 # Indices into the counts.
 PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, POINTS, CROWDED = range(8)
-#: Names of the counts: pairs of facets tested; pairs that face each other; BVH branches that one occluder hides;
-#: pairs that one occluder hides; pairs proven to be unoccluded; all other pairs; visibility points of these; and
-#: parts of pairs with more occluders than `MAX_CLIPPED` or too many visible pieces.
+#: Names of the counts. "pairs" are pairs of facets tested, and "facing" those that face each other. "hidden" ones
+#: are hidden by a single occluder, "free" ones are proven to be unoccluded, and "partial" are all others, for which
+#: "points" are the points of visibility. "crowded" are parts of pairs with more occluders than `MAX_CLIPPED` or too
+#: many visible pieces.
 COUNT_NAMES = (
     "pairs", "facing", "hidden_branches", "hidden_pairs", "free_pairs", "partial_pairs", "points", "crowded_pairs",
 )  # fmt: skip
