@@ -44,8 +44,8 @@ def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
     Parameters
     ----------
     lower, upper : (N, 3) corners of the items' boxes, finite; boxes may be flat, points, or equal to each other
-    leaf_size    : maximum number of items in a leaf. Leaves have fewer if splitting pays; 1 gives every item its
-                   own leaf, whose box is the item's
+    leaf_size    : maximum number of items in a leaf. Leaves have fewer if another split reduces the cost; 1 gives
+                   every item its own leaf, whose box is the item's
 
     Raises UsageError if boxes are not finite or have lower > upper.
     """
@@ -61,8 +61,8 @@ def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
 def build_in_threads(boxes: NDArray[Any], threads: int | None = None) -> Bvh:
     """Build the tree of `build_bvh` with one item a leaf, in threads; their number does not change the result.
 
-    boxes   : (N, 6) float32 or float64, lower and upper corners, finite and in order, which is not checked. They
-              are reordered like the tree
+    boxes   : (N, 6) float32 or float64, lower and upper corners, finite and in order, which is not checked. This
+              array is reordered in place, like the tree's items
     threads : number of threads; None for the number of cores
 
     The nodes' boxes have the type of `boxes`: 32 bits save memory. A single thread makes each of the first nodes,
@@ -159,7 +159,7 @@ class _Workspace(NamedTuple):
     centres      : (N + 2, 6), box around the centroids of each range
     halves       : (2, 6), boxes around the centroids of the two parts of a split range
     bins, filled : (3 BINS, 6) boxes and (3 BINS,) number of items in each bin, by axis
-    right_cost   : (BINS,) cost of the bins from each one to the right
+    right_cost   : (BINS,) cost of all bins from each bin to the last
     around       : (1, 6), box around the bins visited so far
     left_over    : (2, 3), begin, end and node of ranges that were not built; zeros for none
     """

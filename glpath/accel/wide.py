@@ -172,9 +172,9 @@ def _levels(tree: Bvh) -> list[Int64]:
 
 
 def depth_first(tree: Bvh, octant: int) -> Int64:
-    """Return (M,) the depth-first number of each node, with the child first that directions of an octant hit first.
+    """Return (M,), the number of each node in a depth-first traversal in the order in which a ray hits children.
 
-    Children are ordered by the axis along which their centres are farthest apart.
+    The order of two children is that of their centres, along the axis on which these are farthest apart.
 
     octant : bit k is set if component k of the direction is negative
     """

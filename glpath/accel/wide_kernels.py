@@ -41,7 +41,7 @@ def collapse_compiled(tree: Bvh, node_cost: float = 0.0) -> WideBvh:
     """
     items = len(tree.order)
     assert len(tree) == 2 * items - 1 > 1, "an item a leaf, and two"
-    # Memory pages without writes are never allocated.
+    # These arrays may be larger than needed, because memory pages that are never written are never allocated.
     parts, roots = np.zeros((items, WIDTH + 1), np.int8), np.empty(items, np.int32)
     children = np.empty((items, WIDTH), np.int32)
     nodes = Nodes.of(tree)
@@ -161,7 +161,7 @@ def _assign(tree, parts, children, wide, node, budget, lane):  # type: ignore[no
 
 @kernel
 def _octant_orders(tree, children, roots, orders, splits):  # type: ignore[no-untyped-def]
-    """Fill orders (W, 8).
+    """Fill orders (W, 8), as described in `octant_orders`.
 
     roots  : (W,) binary node of each wide node
     splits : (3, 4) working memory for the nodes between a wide node and its children
@@ -208,7 +208,7 @@ def _octant_orders(tree, children, roots, orders, splits):  # type: ignore[no-un
 
 @inner_kernel
 def _apart(lower, upper, left, right):  # type: ignore[no-untyped-def]
-    """Return the axis along which the centres of two nodes are farthest apart, and the offset of the second."""
+    """Return the axis along which two nodes' centres are farthest apart, and the second's offset from the first."""
     axis, far = 0, 0.0
     for k in range(3):
         apart = 0.5 * (np.float64(lower[right, k]) + upper[right, k])
@@ -220,9 +220,9 @@ def _apart(lower, upper, left, right):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _exchange(orders, wide, axis, negative, begin, middle, end):  # type: ignore[no-untyped-def]
-    """Exchange children `begin` to `middle` with `middle` to `end` in words of octants that hit these first.
+    """Exchange children `begin` to `middle` with those up to `end`, for octants whose rays hit the latter first.
 
-    The second group lies before the first along the axis if `negative`.
+    negative : True if the second group has the smaller coordinate along the axis
     """
     first, second = 2 * (middle - begin), 2 * (end - middle)
     mask = (1 << first + second) - 1

@@ -143,7 +143,7 @@ class Lighting:
 
     @property
     def sky_pdf_scale(self) -> float:
-        """Density per solid angle of a sky sample, divided by the sum of its radiance's channels."""
+        """Factor from the sum of the channels of the sky's radiance to a sky sample's density per solid angle."""
         if self.sky is None:
             return 0.0
         return self.sky_chance / (3 * self.sky.mean_integral)

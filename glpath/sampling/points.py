@@ -51,7 +51,7 @@ class PathSetSampler:
     Parameters
     ----------
     seed      : integer >= 0; another seed is another, independent render
-    max_depth : number of vertices of a path, as in the paper
+    max_depth : maximum number of vertices of a path, as in the paper
     sampling  : "sobol" or "random"
     lattice   : True to take the first direction from a lattice; not with "random"
     """
@@ -118,7 +118,9 @@ class PathSetSampler:
         return self._shuffled(start, 8, bounce)
 
     def _shuffled(self, start: int, purpose: int, which: int) -> NDArray[np.float64]:
-        """Return (chunk, 4) of the sequence's first dimensions in a shuffled order, different for each purpose.
+        """Return (chunk, 4), points of the sequence's first four dimensions in a shuffled order.
+
+        The order is different for each `purpose` and `which`.
 
         Source: Burley 2020, Practical Hash-based Owen Scrambling, section 4.
         """
@@ -157,7 +159,10 @@ def pixel_sample(seed: int, index: int) -> tuple[float, float]:
 
 
 def pixel_samples(seed: int, first: int, count: int) -> NDArray[np.float64]:
-    """Return (count, 2) consecutive positions; `count` is a power of two up to 4096 that divides `first`."""
+    """Return (count, 2), the positions of `pixel_sample` from index `first` on.
+
+    count : power of two up to 4096 that divides `first`
+    """
     block, index_in_block = divmod(first, _PIXEL_SAMPLES)
     found = _pixel_samples(seed)[index_in_block : index_in_block + count]
     if block:
@@ -171,7 +176,7 @@ _PIXEL_SAMPLES = 4096
 
 @lru_cache(maxsize=4)
 def _pixel_samples(seed: int) -> NDArray[np.float64]:
-    """Return (4096, 2) positions."""
+    """Return (4096, 2), the first positions of `pixel_sample`."""
     keys = np.random.default_rng(seed).integers(0, 2**32, 2, dtype=np.uint32)
     scrambled = _owen(sobol_points(0, _PIXEL_SAMPLES, 2), keys)
     return np.asarray((scrambled ^ scrambled[0] ^ np.uint32(1 << 31)) / 2.0**32)

@@ -50,10 +50,10 @@ _LAS_HEADER = 227
 _LAS_HEADER_1_4 = 375
 # Size of the smallest LAS record, bytes.
 _LAS_RECORD = 54
-# Bit of a compressed LAS point format.
+# Bit of the LAS point format that is set if points are compressed.
 _LAS_COMPRESSED = 0x80
 
-# Metres of a unit of heights, by its names in GDAL, PROJ and EPSG.
+# Length in metres of each unit of heights, by the unit's names in GDAL, PROJ and EPSG.
 _METRES = {
     **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
     **dict.fromkeys(("cm", "centimetre", "centimetres", "centimeter", "centimeters"), 0.01),

@@ -40,7 +40,8 @@ class LightChoice(NamedTuple):
     def of(cls, brings: Float64, may_bring: Float64) -> LightChoice:
         """Build the probabilities from the lights' irradiances.
 
-        brings, may_bring : (R, L), irradiance of each light at a point of the row, and its maximum near that point
+        brings    : (R, L) irradiance by each light at the point that a row stands for
+        may_bring : (R, L) approximate maximum of this irradiance near the point
         """
         lights = brings.shape[1]
         if not brings.size or brings.size > _MAX_CHANCES:

@@ -47,9 +47,9 @@ _AIMED_RAYS = 1 << 20
 _MIN_AIMED = 16
 #: Maximum number of guided rays from each point.
 _MAX_AIMED = 256
-#: Number of points in a task of guided rays.
+#: Maximum number of points in a task that casts guided rays.
 _AIMED_TOGETHER = 1024
-#: Number of points in a task, so that their rays fit into memory.
+#: Maximum number of points in any other task, so that the rays of a task fit into memory.
 _TOGETHER = 4096
 #: Number of directions, distributed by an environment map's radiance, that many points share.
 _DRAWN = 1 << 14

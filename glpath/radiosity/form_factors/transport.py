@@ -76,7 +76,7 @@ class Transport:
         together = _WORTH_A_CALL // max(1, len(self.elements) * options.points)
         self.form_factors = FormFactors(
             scene,
-            # Threads process different emitters.
+            # One thread, because `FormFactors` already processes several batches of emitters in threads.
             Visibility(Occluders.of_scene(scene, culling=True), shafts or ShaftOptions(), threads=1),
             mesh.patches,
             self.sides,
@@ -196,7 +196,7 @@ class Transport:
         before = self.elements
         kept = ~which[before.element]
         self.mesh = self.mesh.refine(which)
-        # Fronts come before backs, and in both the unsplit elements before the new ones.
+        # `Sides` lists fronts before backs. In each, unsplit elements come before new ones.
         staying = int(np.count_nonzero(~which))
         at_all = self._receive()
         fresh = self.elements.element >= staying

@@ -209,7 +209,7 @@ def weld(scene: Scene, points: Float64, group: Int64) -> Int64:
     """Return (N,) int64 vertex indices; points (N, 3) at the same position and of the same group (N,) share one."""
     lower, upper = scene.bounds
     step = _WELD * max(float(np.max(upper - lower)), np.finfo(float).tiny)
-    x, y, z = np.round((points - lower) / step).astype(np.int64).T  # 0 to 2^21
+    x, y, z = np.round((points - lower) / step).astype(np.int64).T  # 0 to 2^21, so that 63 bits hold all three
     # Sorting twice by one integer key is faster than sorting once by several keys.
     position = np.unique((x << 21 | y) << 21 | z, return_inverse=True)[1]
     return np.asarray(np.unique(position << 32 | group, return_inverse=True)[1])

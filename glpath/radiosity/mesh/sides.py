@@ -104,7 +104,10 @@ def sub_triangles(k: int) -> Float64:
 
 
 def random_in_parts(k: int, count: int, seed: int) -> Float64:
-    """Return (count, k * k, 3), barycentric coordinates of a uniform random point in each of the equal parts."""
+    """Return (count, k * k, 3), barycentric coordinates of random points, one in each equal part of a triangle.
+
+    Points are uniform, and different for each of `count` triangles.
+    """
     middles = sub_triangles(k)
     within = np.random.default_rng(seed).random((count, k * k, 2))
     within = np.where(within.sum(axis=2, keepdims=True) > 1, 1 - within, within)

@@ -90,10 +90,10 @@ class Occluders:
 
     @classmethod
     def of_scene(cls, scene: Scene, *, culling: bool = False) -> Occluders:
-        """Return the polygons of a scene without spheres and planes; two triangles may form one parallelogram.
+        """Return a scene's triangles as occluders, in which two successive triangles may form one parallelogram.
 
-        Visibility is binary: a polygon of a surface with opacity or of glass occludes if it is at least half
-        opaque.
+        Spheres and planes of the scene are left out. Visibility is binary: a polygon that is partly transparent or
+        of glass occludes if it is at least half opaque.
 
         culling : True if culled backs do not occlude for receivers behind them; False if they occlude
         """
@@ -157,7 +157,7 @@ class Occluders:
         return outlines.min(axis=1) - wide, outlines.max(axis=1) + wide
 
     def polygons(self, solids: bool) -> Polygons:
-        """Return the records of the kernels. If `solids`, a solid's polygon blocks only rays from its front."""
+        """Return polygons for the kernels. If `solids`, those of solids block segments from their front only."""
         corner = self.corners[:, 0]
         e1, e2 = self.corners[:, 1] - corner, self.corners[:, 2] - corner
         normal, front_only = self._normals(), self.solid & solids
@@ -295,7 +295,7 @@ def crosses(ha, ua, va, hb, ub, vb, parallelogram):  # type: ignore[no-untyped-d
     u = ha * ub - hb * ua
     v = ha * vb - hb * va
     within = (ha > ENDS * d) & (ha < (1 - ENDS) * d) & (u >= 0) & (v >= 0)
-    # In a triangle u + v is at most 1; in a parallelogram u and v each are.
+    # Inside a triangle, u + v is at most 1. Inside a parallelogram, u and v are each at most 1. Here 1 becomes d.
     return within & ((u <= d) & (v <= d) if parallelogram else u + v <= d)
 
 

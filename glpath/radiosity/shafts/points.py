@@ -48,7 +48,7 @@ class Groups(NamedTuple):
     levels: int
 
     def parts(self, number: int) -> list[slice]:
-        """Split the nodes into at most `number` ranges with similar numbers of points, without splitting a tree."""
+        """Split the nodes into at most `number` ranges with similar numbers of points; each tree stays in one."""
         roots = []
         node = 0
         while node < len(self.skip):
@@ -70,10 +70,13 @@ def group_points(
     group: int,
     nested: bool,
 ) -> Groups:
-    """Group points into clumps of at most `clump` points (0: receivers), in groups of at most `group` (0: none).
+    """Divide points into clumps, whose points share a shaft, and collect neighbouring receivers in groups.
 
-    Groups and receivers have their own shafts only if `nested`. With groups, receivers that are small enough
-    together share a clump.
+    With groups, several receivers share a clump if they are small enough.
+
+    clump  : maximum number of points of a clump; 0 to divide no receiver
+    group  : maximum number of points of a group of receivers; 0 for no groups
+    nested : True if groups and receivers also have shafts of their own, around those of their clumps
     """
     count = len(points)
     start = np.flatnonzero(np.diff(receiver, prepend=receiver[0] - 1))

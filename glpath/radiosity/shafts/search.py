@@ -181,7 +181,7 @@ def highest(boxes, i, plane):  # type: ignore[no-untyped-def]
 def find_emitter_list(search, source, wanted, behind, touching, lists):  # type: ignore[no-untyped-def]
     """Fill the nodes and flags of `lists` as `Visibility.emitter_list` describes, and return their number.
 
-    touching : flag of nodes that overlap the emitter's box
+    touching : flag to store for nodes whose box overlaps the emitter's without enclosing it
     """
     tree, parent, leaf_of = search
     # Leaf of the emitter's own polygon, which is left out.
@@ -190,8 +190,8 @@ def find_emitter_list(search, source, wanted, behind, touching, lists):  # type:
     n = 0
     if not len(tree.skip):
         return n
-    # Walk up from the emitter, and test the siblings of its nodes. An emitter that is not an object, or whose box
-    # is larger than its polygon's, starts at the root.
+    # Walk up from the emitter, and test the siblings of each node on the path. If the emitter is not an occluder,
+    # or its box is larger than its polygon's, test nodes from the root down instead.
     below = leaf
     node = parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes, leaf, box) else -1
     if node < 0:

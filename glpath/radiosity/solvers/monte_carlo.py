@@ -55,7 +55,7 @@ _CELL_RAYS = 16
 _FAR_RAYS = 4
 #: Number of the most important sides of cells, which get more rays, because a window may be small.
 _CLOSER = 2048
-#: Number of rays to the sky from each point of these sides.
+#: Number of rays to the sky from each of the four points of the most important sides.
 _CLOSE_RAYS = 100
 #: Number of quadtree levels in the first pass; each level halves the edges.
 _FIRST_DEPTH = 2
@@ -75,7 +75,7 @@ _MISPLACED_IN_ONE = 0.016
 _SPREAD = 0.25
 #: Fraction of the mean irradiance that is added to each cell's estimate, because its few rays may miss light.
 _UNHIT = 0.2
-# Name of the work before the first particle, for a time limit.
+# Name of the work before the first particle, for the error message of a time limit.
 _STARTING = "finding where particles start"
 
 
@@ -368,7 +368,7 @@ class Shooting:
         return np.asarray(worth * (lit + _UNHIT * usual)), from_sky
 
     def _starts(self, number: int) -> Starts:
-        """Return the starts of a batch, stratified over elements by their probabilities."""
+        """Return the starts of reflected light in a batch, stratified over elements by their probabilities."""
         lit, count = self._lit, self._lit_count
         random = np.random.default_rng([self.seed, number])
         at = (np.arange(count) + random.random()) / max(count, 1)
@@ -458,8 +458,8 @@ class Shooting:
     def view_error(self) -> tuple[float, float] | None:
         """Return mean radiance that a gather adds to the camera's image, and its standard error, W sr^-1 m^-2.
 
-        Both are means of the channels; the error is estimated from differences of batches. None if there are fewer
-        than two batches, or no camera.
+        Both are means of the channels. The error is estimated from the differences between batches. None if there
+        are fewer than two batches, or no camera.
         """
         batches = self.particles // BATCH
         if self._gathered is None or batches < 2:

@@ -22,7 +22,7 @@ from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 #: Number of particles of a batch. Between batches, signals are handled. Each batch has its own random numbers.
 BATCH = 1 << 14
-#: Number of reflections that no particle exceeds.
+#: Value of `max_reflections` for particles whose number of reflections is not limited.
 ENDLESS = 1 << 62
 #: Maximum number of successive surfaces that transmit or mirror a particle.
 _MAX_THROUGH = 64
@@ -291,7 +291,7 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
 
 @kernel_part
 def _above(cdf, u):  # type: ignore[no-untyped-def]
-    """Return the index of the first of ascending numbers above u; their count if none is above."""
+    """Return the index of the first value of `cdf`, which ascends, above u; the length of `cdf` if none is."""
     low, high = 0, len(cdf)
     while low < high:
         middle = (low + high) // 2
@@ -304,7 +304,7 @@ def _above(cdf, u):  # type: ignore[no-untyped-def]
 
 @kernel_part
 def _bin(normal, d):  # type: ignore[no-untyped-def]
-    """Return the bin of the direction back along the arriving d, by the mapping of `_leave`."""
+    """Return the bin of -d, the direction from which a particle arrives, by the mapping that `_leave` uses."""
     c = d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2]
     sign = -1.0 if c > 0 else 1.0
     x = 2 * abs(c) * -d[0] - sign * normal[0]

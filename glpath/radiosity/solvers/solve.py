@@ -62,7 +62,7 @@ _MAX_BATCHES = 64
 _VIEW_ERROR = 0.003
 #: `stop_rule` in the statistics of a solution, unless the time limit ended it.
 DONE = "done"
-# Name of the work before the first step, for a time limit.
+# Name of the work before the first step, for the error message of a time limit.
 _MESHING = "meshing the scene for its radiosity"
 #: Seconds between two reports.
 _REPORT_INTERVAL = 0.05
@@ -435,7 +435,7 @@ def _monte_carlo(
             detail = shooting.detail()
             elements = sum(int(leaf.sum()) for leaf in detail.leaves)
             wanted = round(asked * elements / len(shooting.mesh.elements))
-            if time_is_up():  # finer lattices would start again
+            if time_is_up():  # refined lattices would start anew, without particles
                 raise TimeLimitError("time_limit: over before the lattices are refined.")
             before = shooting.state()
             if shooting.deepen(detail):
@@ -446,7 +446,7 @@ def _monte_carlo(
             enough = not shooting.lit.any() or view is None or view[1] <= _VIEW_ERROR * view[0]
             if (enough and batches >= wanted) or batches + asked > max(asked, _MAX_BATCHES):
                 return solution(detail)
-            # Batches are added in the same steps for any number of threads.
+            # The number of batches added does not depend on the number of threads, so neither does the result.
             batches += asked
     except (TimeLimitError, KeyboardInterrupt) as stop:
         return _stopped(stop, partial())

@@ -41,7 +41,10 @@ _G2, _G0 = 5 / 9, 8 / 9
 
 
 def _triangle_rule(thrice: list[tuple[float, float]], *others: tuple[float, float, float, float]) -> np.ndarray:
-    """Return (r, 4), barycentric coordinates and weights; each entry of `thrice` stands for three points."""
+    """Return (r, 4), barycentric coordinates and weights of a rule's points.
+
+    Each entry (a, weight) of `thrice` stands for the three points with coordinates 1 - 2a, a and a in any order.
+    """
     points = [p for a, w in thrice for p in ((1 - 2 * a, a, a, w), (a, 1 - 2 * a, a, w), (a, a, 1 - 2 * a, w))]
     return np.array([*points, *others])
 
@@ -116,7 +119,7 @@ def _by_points(a, b, na, nb, rule, work):  # type: ignore[no-untyped-def]
 
 @inner_sum
 def _between_points(a, n, b, m, na, nb):  # type: ignore[no-untyped-def]
-    """Return the sum of cos cos / (pi r^2) over pairs of weighted points."""
+    """Return the weighted sum of cos cos / (pi r^2) over pairs of points; a, b (4, m) are positions and weights."""
     total = 0.0
     for i in range(n):
         x, y, z, w = a[0, i], a[1, i], a[2, i], a[3, i]

@@ -40,7 +40,7 @@ def polygons_of(vertices: Float64, outlines: Sequence[Sequence[int]]) -> Polygon
         some = vertices[np.array([outlines[i] for i in which.tolist()])]
         corners[which, :n] = some
         corners[which, n:] = some[:, :1]
-    # Repeated corners add nothing to the area.
+    # Unused entries repeat corner 0, and add nothing to the area.
     following = np.roll(corners, -1, axis=1)
     area_vectors = 0.5 * np.cross(corners - corners[:, :1], following - corners[:, :1]).sum(axis=1)
     areas = np.linalg.norm(area_vectors, axis=1)
@@ -126,9 +126,9 @@ def _edges(outline: list[int]) -> list[tuple[int, int]]:
 
 
 def _union(points: list[Any], one: Any, two: Any, a: int, b: int, normal: Any, eps: float) -> list[int] | None:
-    """Return the union of two convex polygons with one normal, or None if it is not flat and convex.
+    """Return the union of two convex polygons with the same normal, or None if it is not flat and convex.
 
-    They share the edge from a to b of the first polygon.
+    The polygons share an edge, which leads from a to b in the first polygon.
     """
     x, y, z = points[a]
     nx, ny, nz = normal

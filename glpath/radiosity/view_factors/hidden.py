@@ -99,7 +99,7 @@ def _make_side(x, y, z, o, k, work):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def lambert(parts, i, n, nx, ny, nz):  # type: ignore[no-untyped-def]
-    """Return 2 pi times the form factor from an element at the origin to polygon parts[i, :n] above the horizon."""
+    """Return 2 pi times the form factor from an element at the origin to polygon parts[i, :n] over its horizon."""
     total = 0.0
     ax, ay, az = parts[i, n - 1, 0], parts[i, n - 1, 1], parts[i, n - 1, 2]
     for k in range(n):
@@ -251,9 +251,9 @@ def point_of(polygon, first, second, fan, begin):  # type: ignore[no-untyped-def
 def seen_share(a, plane, b, exchange, sampling, seed, clipped, work):  # type: ignore[no-untyped-def]
     """Return the fraction of an exchange area visible past occluders, its standard error, and the number of points.
 
-    The points are scrambled Sobol points on polygon a, which lies in `plane`; visibility is of polygon b. The
-    standard error is estimated from the means of `BLOCKS` successive blocks, each of which is a net. All blocks
-    together are a better net, so the estimate is cautious.
+    From each of the scrambled Sobol points on polygon a, which lies in `plane`, the visibility of polygon b is
+    computed. The standard error is estimated from the means of `BLOCKS` successive blocks of points. All blocks
+    together are distributed more evenly than each block, so the estimate is cautious.
 
     exchange : exchange area of the two polygons without occluders
     sampling : numbers of points; its tolerance is an exchange area
@@ -294,7 +294,7 @@ def seen_share(a, plane, b, exchange, sampling, seed, clipped, work):  # type: i
         variance *= BLOCKS / ((BLOCKS - 1.0) * whole * whole)
         if min(share, 1 - share) * points < 1:
             variance += (MISSED / points) ** 2
-        # The points' relative error of the known total is an uncertainty of the visible part too.
+        # The relative error of the points' total, whose exact value is known, is added too; see `UNKNOWN`.
         if exchange > 0:
             variance += (UNKNOWN * min(abs(whole * work.fan[a.n - 2] / (points * exchange) - 1), 1.0)) ** 2
         uncertain = np.sqrt(variance)

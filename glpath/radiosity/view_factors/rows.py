@@ -347,7 +347,8 @@ def _divide(a, b, first, top, work):  # type: ignore[no-untyped-def]
 def _standing(base, planes, i, clipped, work):  # type: ignore[no-untyped-def]
     """Return the index of the clipped occluder that stands on a polygon along the longest line; -1 if none does.
 
-    The polygon lies in planes[i]. Lines along its own edges do not count.
+    Such a line is an edge of an occluder that lies inside the polygon, in planes[i]. Lines along the polygon's own
+    edges do not count.
     """
     polygon, n = base
     eps = work.eps
@@ -474,5 +475,5 @@ def exchange_rows(first, last, facets, tree, occluders, error, rows, work):  # t
                 child = skip[child]
         rows.ends[i - first] = size
         work.done[0] += 1
-    # The last pair may be unfinished.
+    # If the computation was stopped, the last pair may be unfinished.
     return last if work.stop[0] == 0 else -1
