@@ -219,7 +219,11 @@ def _angle(cosine: Float64) -> Float64:
 
 
 def _bounds(emitters: Emitters, items: Int64, starts: Int64, sizes: Int64) -> tuple[Float64, ...]:
-    """Return centre, radius, axis, inner, outer and strength of each run of items."""
+    """Return centre, radius, axis, inner, outer and strength of each group of lights, as in `LightTree`.
+
+    items         : (n,) indices of the lights, group after group
+    starts, sizes : index in `items` of each group's first light, and the group's number of lights
+    """
     corners, axes = emitters.corners[items], emitters.axis[items]
     low = np.minimum.reduceat(corners.min(axis=1), starts)
     high = np.maximum.reduceat(corners.max(axis=1), starts)

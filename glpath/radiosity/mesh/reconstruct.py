@@ -48,7 +48,7 @@ class Resampled(NamedTuple):
 
 
 def resample(mesh: Mesh, values: Float64, buried: NDArray[np.bool_] | None = None) -> Resampled:
-    """Resample the values (..., 2, E, 3) of the sides of a mesh's elements on lattices.
+    """Resample values (..., 2, E, 3) of the sides of a mesh's elements to one regular lattice per triangle.
 
     buried : (2, E) True for sides that no light can reach, because a solid covers them. They get the mean of their
              neighbours, so that they do not darken their neighbours

@@ -279,7 +279,7 @@ def _apex(triangles, t):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def height(f0, f1, f2, f3, x, y, z):  # type: ignore[no-untyped-def]
-    """Return a linear form of a point. All tests use this function, so that they round equally."""
+    """Return the value of a linear form at a point. All tests use this function, so that they round equally."""
     return f0 * x + f1 * y + f2 * z + f3
 
 

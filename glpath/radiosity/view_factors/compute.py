@@ -62,7 +62,7 @@ _OF_BACKS = 2.5
 #: Width of a strip along a row's perimeter, in units of the rounding length `eps`. Rounding may lose the strip, so
 #: its area is added to the row's error. Random rooms, rotated and in 32 bits, never lost more.
 _STRIPS = 2e-3
-#: Format number of a partial file; it changes with the layout or the method.
+#: Format number of the file that `resume` names; it changes with the file's layout or the method.
 _FORMAT = 4
 
 
