@@ -31,10 +31,10 @@ Int32 = NDArray[np.int32]
 BINS = 16
 #: Cost of testing the boxes of two children, relative to testing one item of a leaf.
 NODE_COST = 2.0
-# Number of boxes below which a thread builds the whole tree; for more it makes one node, and other threads may
-# share the subtrees.
+# Number of boxes up to which one thread builds a whole subtree. For more boxes, it makes one node, and other
+# threads may build the two subtrees below.
 _ALONE = 1 << 14
-# Number of subtrees for each thread, so that none waits long for the last.
+# Number of subtrees per thread in large trees, so that no thread waits long for the last subtree.
 _SHARES = 8
 
 
@@ -44,8 +44,8 @@ def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
     Parameters
     ----------
     lower, upper : (N, 3) corners of the items' boxes, finite; boxes may be flat, points, or equal to each other
-    leaf_size    : maximum number of items in a leaf. Leaves have fewer if splitting pays; 1 gives every item its
-                   own leaf, whose box is the item's
+    leaf_size    : maximum number of items in a leaf. Leaves have fewer if another split reduces the cost; 1 gives
+                   every item its own leaf, whose box is the item's
 
     Raises UsageError if boxes are not finite or have lower > upper.
     """
@@ -61,8 +61,8 @@ def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
 def build_in_threads(boxes: NDArray[Any], threads: int | None = None) -> Bvh:
     """Build the tree of `build_bvh` with one item a leaf, in threads; their number does not change the result.
 
-    boxes   : (N, 6) float32 or float64, lower and upper corners, finite and in order, which is not checked. They
-              are reordered like the tree
+    boxes   : (N, 6) float32 or float64, lower and upper corners, finite and in order, which is not checked. This
+              array is reordered in place, like the tree's items
     threads : number of threads; None for the number of cores
 
     The nodes' boxes have the type of `boxes`: 32 bits save memory. A single thread makes each of the first nodes,
@@ -71,7 +71,7 @@ def build_in_threads(boxes: NDArray[Any], threads: int | None = None) -> Bvh:
     threads = core_count() if threads is None else threads
     count = len(boxes)
     tree = Tree.empty(count, boxes.dtype)
-    # The tree over a range of n items has 2 n - 1 nodes, so its position is known before it is built.
+    # A subtree over n items has 2 n - 1 nodes, so the index of each subtree's first node is known in advance.
     alone = max(_ALONE, count // (_SHARES * threads))
 
     def build(begin: int, end: int, node: int) -> list[tuple[int, int, int]]:
@@ -110,10 +110,10 @@ def checked_boxes(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Float64]
 
 @kernel
 def _build(boxes, begin, end, leaf_size, alone, node, tree, work):  # type: ignore[no-untyped-def]
-    """Fill the nodes of all ranges, depth first, from `node` on; return the number of the next node.
+    """Fill the nodes over items `begin` to `end`, depth first, from index `node` on; return the next node's index.
 
-    Permutes `boxes` along with the tree's order, so that each range is contiguous. With one item a leaf, halves
-    with more than `alone` items are left over for other threads.
+    Permutes `boxes` along with the tree's order, so that the items of each node are contiguous. With one item a
+    leaf, children with more than `alone` items are left over for other threads.
     """
     skip, first, count = tree.skip, tree.first, tree.items
     pending, centres, halves, left_over = work.pending, work.centres, work.halves, work.left_over
@@ -135,7 +135,7 @@ def _build(boxes, begin, end, leaf_size, alone, node, tree, work):  # type: igno
             continue
         middle = _split(boxes, begin, end, leaf_size, tree, node, work, waiting)
         first[node] = begin
-        skip[node] = node + 2 * (end - begin) - 1  # for one item a leaf
+        skip[node] = node + 2 * (end - begin) - 1  # for one item a leaf; otherwise replaced below
         if middle == begin:
             count[node] = end - begin
         else:
@@ -159,7 +159,7 @@ class _Workspace(NamedTuple):
     centres      : (N + 2, 6), box around the centroids of each range
     halves       : (2, 6), boxes around the centroids of the two parts of a split range
     bins, filled : (3 BINS, 6) boxes and (3 BINS,) number of items in each bin, by axis
-    right_cost   : (BINS,) cost of the bins from each one to the right
+    right_cost   : (BINS,) cost of all bins from each bin to the last
     around       : (1, 6), box around the bins visited so far
     left_over    : (2, 3), begin, end and node of ranges that were not built; zeros for none
     """
@@ -230,7 +230,7 @@ def _split(boxes, begin, end, leaf_size, tree, node, work, at):  # type: ignore[
         _clear(around, 0)
         items = 0
         for b in range(1, BINS):
-            if filled[of_axis + b - 1] == 0:  # the same two parts as before
+            if filled[of_axis + b - 1] == 0:  # the same two parts as at the previous bin
                 continue
             items += filled[of_axis + b - 1]
             if items == n:

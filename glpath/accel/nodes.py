@@ -43,7 +43,7 @@ class Bvh:
     def depth(self) -> int:
         """Number of levels: 1 for a single leaf, 0 without items.
 
-        A stack of the second children needs no more entries.
+        A traversal that postpones second children on a stack needs no more entries than this.
         """
         # Depth of a node: the number of subtrees that have begun, minus those that have ended.
         ended = np.cumsum(np.bincount(self.skip, minlength=len(self) + 1)[: len(self)])
@@ -83,7 +83,7 @@ class Tree(NamedTuple):
 
     @classmethod
     def empty(cls, items: int, dtype: DTypeLike = np.float64) -> Tree:
-        """Allocate the nodes over `items` items, if inner nodes have at least two children."""
+        """Allocate enough nodes for `items` items, provided that each inner node has at least two children."""
         nodes = max(2 * items - 1, 0)
         skip, first, count = (np.empty(nodes, np.int32) for _ in range(3))
         return cls(np.empty((nodes, 6), dtype), skip, first, count, np.arange(items, dtype=np.int32))

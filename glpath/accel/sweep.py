@@ -1,4 +1,4 @@
-"""BVH without compiled code, for up to some thousands of boxes: importing numba alone takes longer.
+"""BVH built without compiled code, for up to some thousands of boxes: importing numba alone takes longer than this.
 
 It is built from the top by the surface area heuristic, with one item a leaf. The heuristic tests all splits between
 two items in the order of their centroids along each axis.
@@ -16,7 +16,7 @@ from glpath.accel.nodes import Bvh
 
 Float64 = NDArray[np.float64]
 
-#: Number of boxes up to which it is faster than numba's import and the binned build.
+#: Number of boxes up to which `sweep_bvh` is faster than numba's import and the binned build together.
 SWEPT = 8192
 
 
@@ -27,7 +27,7 @@ def sweep_bvh(lower: Float64, upper: Float64) -> Bvh:
     nodes = np.empty((max_nodes, 6))
     skip, first, count = np.empty(max_nodes, np.int32), np.empty(max_nodes, np.int32), np.zeros(max_nodes, np.int32)
     order = np.arange(n, dtype=np.int32)
-    boxes = np.concatenate([lower, -np.asarray(upper)], axis=1)  # so that both corners are minima
+    boxes = np.concatenate([lower, -np.asarray(upper)], axis=1)  # negated, so that both corners merge by minimum
     centroid = 0.5 * (lower + upper)
     pending = [(0, n)] if n else []
     size = 0

@@ -1,8 +1,8 @@
 """Tree of up to four children a node, made from a binary one: a ray tests four boxes at a time.
 
-Dynamic programming from the leaves up selects the nodes of the binary tree that remain: those with the minimum sum
-of areas, so that a random ray visits the fewest. All nodes of a level are processed at once, so no compiled code is
-needed.
+Dynamic programming from the leaves up selects the nodes of the binary tree that remain. They have the minimum sum
+of areas, so that a random ray visits as few nodes as possible. All nodes of a level are processed at once, so no
+compiled code is needed.
 
 Cost:     about a second for a million boxes.
 Poor at:  trees as deep as their number of leaves, whose levels have one node each.
@@ -37,8 +37,8 @@ class WideBvh:
                parents come before their children. The first is the root; if the tree is a single leaf, the root has
                this leaf as its child. Empty without items
     roots    : (W,) binary node of each wide node
-    stack    : maximum number of times that a ray postpones siblings between the root and a leaf: at nodes with at
-               least two inner children, of which it visits one first
+    stack    : number of stack entries that a ray needs, one for each group of siblings that it visits later. It is
+               the maximum, over nodes with inner children, of their ancestors with at least two inner children
     """
 
     tree: Bvh
@@ -72,7 +72,7 @@ class WideBvh:
         return number
 
     def order(self, octant: int) -> Int64:
-        """Return (W, 4) the children in the order in which a ray hits them.
+        """Return (W, 4), the numbers 0 to 3 of each node's children in the order in which a ray hits them.
 
         octant : bit k is set if the ray's direction is negative along axis k
         """
@@ -88,7 +88,8 @@ def collapse(tree: Bvh) -> WideBvh:
     if not inner[0]:
         return WideBvh(tree, np.array([[0] + [-1] * (WIDTH - 1)]), np.zeros(1, np.int64), 0)
     parts = _min_cost_parts(tree)
-    # The lanes from a subtree's first one on belong to it, up to the number of parts that it may be divided into.
+    # Lanes are the four slots of a wide node's children. A subtree owns as many successive lanes as it may have
+    # parts.
     roots, later = [np.zeros(1, np.int64)], np.zeros(1, np.int64)
     found = []
     stack = 0
@@ -107,19 +108,20 @@ def collapse(tree: Bvh) -> WideBvh:
 
 
 def _min_cost_parts(tree: Bvh) -> NDArray[np.int8]:
-    """Return (M, 5): the number of parts of a node's left child, if up to k parts replace the node.
+    """Return (M, 5), for the division of each node at minimum cost, the number of parts that its left child gets.
 
-    The numbers have minimum cost. Column 0 is for a node that remains and has all four children. Columns 2 to 4 are
-    for a node that up to k subtrees replace, -1 if k are no better than k - 1.
+    Column 0 is for a node that remains and has up to four children. Columns k = 2 to 4 are for a node that up to k
+    subtrees replace, -1 if k subtrees are no better than k - 1.
     """
     extent = tree.upper - tree.lower
     area = extent[:, 0] * extent[:, 1] + extent[:, 1] * extent[:, 2] + extent[:, 2] * extent[:, 0]
-    min_cost = np.zeros((len(tree), WIDTH))  # areas of the remaining nodes below, with up to 1, 2, 3, 4 subtrees
+    # Minimum area of the remaining nodes of a subtree, if it is replaced by up to 1, 2, 3, 4 subtrees.
+    min_cost = np.zeros((len(tree), WIDTH))
     parts = np.zeros((len(tree), WIDTH + 1), np.int8)
     for level in reversed(_levels(tree)):
         check_time("building the BVH")
         left, right = min_cost[level + 1], min_cost[tree.skip[level + 1]]
-        # by (parts of the left child, node)
+        # Costs for k = 2, 3, 4 parts, each an array [parts of the left child - 1, node].
         splits = [
             np.stack([left[:, i - 1] + right[:, k - i - 1] for i in range(1, k)]) for k in range(2, WIDTH + 1)
         ]
@@ -170,9 +172,9 @@ def _levels(tree: Bvh) -> list[Int64]:
 
 
 def depth_first(tree: Bvh, octant: int) -> Int64:
-    """Return (M,) the depth-first number of each node, with the child first that directions of an octant hit first.
+    """Return (M,), the number of each node in a depth-first traversal in the order in which a ray hits children.
 
-    Children are ordered by the axis along which their centres are farthest apart.
+    The order of two children is that of their centres, along the axis on which these are farthest apart.
 
     octant : bit k is set if component k of the direction is negative
     """

@@ -35,13 +35,13 @@ class Nodes(NamedTuple):
 
 
 def collapse_compiled(tree: Bvh, node_cost: float = 0.0) -> WideBvh:
-    """Return the wide tree of at least two items like `glpath.accel.wide.collapse`, with 32-bit numbers.
+    """Return the same wide tree as `glpath.accel.wide.collapse`, for at least two items, with 32-bit indices.
 
     node_cost : constant cost of each node in addition to its area, for fewer nodes with more children
     """
     items = len(tree.order)
     assert len(tree) == 2 * items - 1 > 1, "an item a leaf, and two"
-    # Memory pages without writes are never allocated.
+    # These arrays may be larger than needed, because memory pages that are never written are never allocated.
     parts, roots = np.zeros((items, WIDTH + 1), np.int8), np.empty(items, np.int32)
     children = np.empty((items, WIDTH), np.int32)
     nodes = Nodes.of(tree)
@@ -51,7 +51,7 @@ def collapse_compiled(tree: Bvh, node_cost: float = 0.0) -> WideBvh:
 
 
 def octant_orders(wide: WideBvh) -> NDArray[np.uint8]:
-    """Return (W, 8) `WideBvh.order` by octant, with two bits a child, the first child in the lowest bits."""
+    """Return (W, 8), `WideBvh.order` for each octant, packed into two bits per child, first child lowest."""
     orders, splits = np.empty((len(wide), 8), np.uint8), np.empty((WIDTH - 1, 4), np.int64)
     _octant_orders(Nodes.of(wide.tree), wide.children, wide.roots, orders, splits)
     return orders
@@ -59,7 +59,7 @@ def octant_orders(wide: WideBvh) -> NDArray[np.uint8]:
 
 @kernel
 def _min_cost_parts(tree, node_cost, parts, costs):  # type: ignore[no-untyped-def]
-    """Fill parts (N, 5) of the inner nodes. costs: stack of the costs of subtrees whose parents follow."""
+    """Fill parts (N, 5) of the inner nodes. costs: stack of costs of subtrees whose parents are still to come."""
     lower, upper, skip, first, count = tree.lower, tree.upper, tree.skip, tree.first, tree.items
     top = 0
     for node in range(len(skip) - 1, -1, -1):
@@ -138,7 +138,8 @@ def _collapse(tree, parts, pending, children, roots):  # type: ignore[no-untyped
 def _assign(tree, parts, children, wide, node, budget, lane):  # type: ignore[no-untyped-def]
     """Put a subtree of a wide node, in up to `budget` parts, into its lanes from `lane` on."""
     skip, first, count = tree.skip, tree.first, tree.items
-    # At most three parts: the left one of two, the right one, and a repetition for the larger of both.
+    # With at most three parts, one child at most is divided further. Each round stores the other child, and
+    # continues with this one.
     for _ in range(WIDTH):
         if count[node]:
             budget = 1
@@ -160,14 +161,15 @@ def _assign(tree, parts, children, wide, node, budget, lane):  # type: ignore[no
 
 @kernel
 def _octant_orders(tree, children, roots, orders, splits):  # type: ignore[no-untyped-def]
-    """Fill orders (W, 8).
+    """Fill orders (W, 8), as described in `octant_orders`.
 
     roots  : (W,) binary node of each wide node
     splits : (3, 4) working memory for the nodes between a wide node and its children
     """
     lower, upper, skip = tree.lower, tree.upper, tree.skip
     for wide in range(len(roots)):
-        # All words begin with the order of the binary tree; a swapped node exchanges the children below it.
+        # The words of all octants begin with the order of the binary tree. Then each binary node whose second child
+        # is hit first exchanges the groups of wide children below its two children.
         word, found = 0, 0
         for lane in range(WIDTH):
             if children[wide, lane] >= 0:
@@ -206,7 +208,7 @@ def _octant_orders(tree, children, roots, orders, splits):  # type: ignore[no-un
 
 @inner_kernel
 def _apart(lower, upper, left, right):  # type: ignore[no-untyped-def]
-    """Return the axis along which the centres of two nodes are farthest apart, and the offset of the second."""
+    """Return the axis along which two nodes' centres are farthest apart, and the second's offset from the first."""
     axis, far = 0, 0.0
     for k in range(3):
         apart = 0.5 * (np.float64(lower[right, k]) + upper[right, k])
@@ -218,9 +220,9 @@ def _apart(lower, upper, left, right):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _exchange(orders, wide, axis, negative, begin, middle, end):  # type: ignore[no-untyped-def]
-    """Exchange children `begin` to `middle` with `middle` to `end` in words of octants that hit these first.
+    """Exchange children `begin` to `middle` with those up to `end`, for octants whose rays hit the latter first.
 
-    The second group lies before the first along the axis if `negative`.
+    negative : True if the second group has the smaller coordinate along the axis
     """
     first, second = 2 * (middle - begin), 2 * (end - middle)
     mask = (1 << first + second) - 1

@@ -91,9 +91,9 @@ class Lighting:
         power += [] if shown is None else [shown.mean_integral * radius**2]
         weights = np.array(power, np.float64)
         total = weights.sum()
-        # Power towards the whole scene does not predict visible importance: an emitter over a wide ground under the
-        # sky may send only a hundredth of the power, but light everything in view. So each light's probability is
-        # at least half of a uniform one, and at least half of that by power.
+        # Power towards the whole scene does not predict which light matters in view. An emitter over a wide ground
+        # under the sky may send only a hundredth of the power, but light all that is visible. So each light's
+        # probability is at least half of a uniform one, and at least half of one in proportion to power.
         share = 0.5 * weights / total + 0.5 / len(weights) if len(weights) else weights
         density = np.zeros(len(scene.triangles))
         appearance = Appearance(scene)
@@ -143,7 +143,7 @@ class Lighting:
 
     @property
     def sky_pdf_scale(self) -> float:
-        """Density per solid angle of a sky sample, divided by the sum of its radiance's channels."""
+        """Factor from the sum of the channels of the sky's radiance to a sky sample's density per solid angle."""
         if self.sky is None:
             return 0.0
         return self.sky_chance / (3 * self.sky.mean_integral)
@@ -155,9 +155,9 @@ class Lighting:
     def samples(self, u: ArrayLike) -> LightSamples:
         """Return light samples for u (N, 3) in [0, 1).
 
-        u[:, 0] selects the light, the others a point or direction of it. Within a shape, the same random number
-        selects a primitive by area and then positions the point, so that a quad keeps a two-dimensional
-        stratification.
+        u[:, 0] selects the light, u[:, 1:] a point on it or its direction. Within a shape, u[:, 1] selects a
+        primitive by area, and its remainder positions the point. Samples of a quad are thus stratified in two
+        dimensions.
         """
         assert not self.dark, "no light to sample"
         u = np.asarray(u, np.float64)
@@ -192,7 +192,10 @@ class Lighting:
         return bool(self._varies[shape])
 
     def irradiance(self, positions: ArrayLike, normals: ArrayLike) -> Float64:
-        """Return (N, 3) W m^-2 of all punctual lights at positions (N, 3) with unit normals (N, 3), unoccluded."""
+        """Return (N, 3) W m^-2, irradiance by all punctual lights at positions (N, 3) with unit normals (N, 3).
+
+        Occlusion is ignored.
+        """
         x = np.asarray(positions, np.float64).reshape(-1, 3)
         n = np.asarray(normals, np.float64).reshape(-1, 3)
         total = np.zeros((len(x), 3))
@@ -253,7 +256,7 @@ def sky_radiance(sky: Sky | Environment | None, directions: ArrayLike) -> Float6
 def max_radiance(scene: Scene) -> float:
     """Return the radiance of bright surfaces: emitters, sky, and white surfaces at the median distance of lights.
 
-    It determines the quantum of sums, which can hold more.
+    The quantum of the accumulated sums is derived from it. Sums can hold larger radiances too.
     """
     values = [0.0, *scene.ambient, *(_max_emission(scene, shape) for shape in scene.shapes)]
     if scene.sky is not None:
@@ -342,7 +345,8 @@ def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
             radiance = np.asarray(own @ each / area)
             if not np.any(radiance > 0):
                 continue
-            # Parts between the sample points of the means may be brighter than their mean suggests.
+            # A texture may be bright between the sample points of these means, so a part of the probability is by
+            # area alone.
             power = own * each.mean(axis=1)
             weights = (1 - _UNSEEN) * power / power.sum() + _UNSEEN * own / area
         cdf = np.concatenate([[0.0], np.cumsum(weights) / weights.sum()])
@@ -354,7 +358,7 @@ def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
 def _on_spheres(spheres: Float64, u: Float64) -> tuple[Float64, Float64, Float64, Float64]:
     """Return a point of each sphere (N, 3, 4) for u (N, 2).
 
-    Returns positions, unit normals of the front, densities per area, and the points of the unit sphere (N, 3).
+    Returns positions, unit normals of the front, densities per area, and the same points on the unit sphere (N, 3).
     """
     linear = spheres[:, :, :3]
     unit = uniform_sphere(u)

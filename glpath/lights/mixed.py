@@ -60,7 +60,7 @@ class MixedLights(NamedTuple):
         )
 
     def incident(self, lights: Int64, positions: Float64) -> Incident:
-        """Return the light of lights (N,) at positions (N, 3)."""
+        """Return the incident light at positions (N, 3), each from the light with the index in lights (N,)."""
         direction, distant = self.direction[lights], self.distant[lights]
         to_light = self.position[lights] - positions
         distance = np.linalg.norm(to_light, axis=1)

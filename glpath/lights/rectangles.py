@@ -1,8 +1,8 @@
 """Rectangular emitters that subtend a large solid angle, for samples that are uniform in solid angle.
 
-The contribution of a sample uniform by area varies with the squared distance: close to an emitter most samples
-contribute very little, and few contribute a lot. Samples uniform in solid angle contribute about equally. They take
-a tenth of a set's time, so they are used only if emitters subtend large solid angles at the surfaces that they
+The contribution of a sample uniform by area varies with the squared distance. Close to an emitter most samples
+contribute very little, and few contribute a lot. Samples uniform in solid angle contribute about equally. They cost
+a tenth of a path set's time. So they are used only if emitters subtend large solid angles at the surfaces that they
 light.
 
 Cost:     the solid angle of each rectangle at some hundred surface points: a millisecond.
@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from glpath.lights.lighting import Lighting
 from glpath.scene.model import Float64, Scene, unit_normals
 
-# Maximum number of rectangles: a vertex compares the triangle that it hit with each.
+# Maximum number of rectangles, because at every path vertex the triangle that was hit is compared with each.
 _MAX = 8
-# Minimum solid angle of the emitters: mean over surfaces, weighted by their light (benchmarks/experiments.md).
+# Minimum solid angle of the emitters in steradians: mean over surface points, weighted by their light. Below it,
+# samples are uniform by area (benchmarks/experiments.md).
 _MIN_SOLID_ANGLE = 0.5
 # Minimum fraction of all lights' power that the rectangles must send.
 _MIN_SHARE = 0.5
@@ -47,7 +48,7 @@ class LampRectangles:
 
     @classmethod
     def that_pay(cls, lighting: Lighting) -> LampRectangles:
-        """Return the rectangles of a lighting, or none if few surfaces are close to them."""
+        """Return the rectangular emitters, or none if they send too little light, or if few surfaces are close."""
         scene, rectangular = lighting.scene, 0.0
         found: dict[int, Float64] = {}
         for number, side in enumerate(lighting.sides):

@@ -21,7 +21,7 @@ LIGHT_KINDS: tuple[Kind, ...] = ("point", "spot", "directional", "area", "sky")
 
 @dataclass(frozen=True)
 class LightSample:
-    """Sample of all light in a scene.
+    """One light sample, drawn from all lights of a scene.
 
     kind      : kind of the light
     position  : (3,) position of an area light's point, a point light or a spot; undefined for the others
@@ -30,9 +30,9 @@ class LightSample:
     radiance  : (3,) W sr^-1 m^-2 of area light and sky; otherwise `Light.intensity`, W sr^-1 or W m^-2
     density   : probability of the light, times the density per area of an area light's point, or per solid angle of
                 the sky's direction
-    cone      : cosines of a spot's angles of full light and of its end
+    cone      : cosines of the two angles from a spot's axis at which full light ends, and at which all light ends
     quadratic : True if light of a point or spot falls off with the squared distance
-    profile   : index in `profiled_lights` + 1 of a point light with a profile; otherwise 0
+    profile   : 1 plus the index in `profiled_lights` of a light with a profile; otherwise 0
     """
 
     kind: Kind
@@ -51,7 +51,10 @@ class LightSample:
 
     @property
     def cube_faces(self) -> int:
-        """Number of cube faces that its light passes through: 1 for the top, 5 with the sides, or 6."""
+        """Number of faces of a cube around the light, with its top along the axis, that the light passes through.
+
+        It is 1 for the top alone, 5 for top and sides, or 6.
+        """
         if self.kind == "spot":
             return 1 if self.cone[1] >= np.sqrt(0.5) else 5 if self.cone[1] >= 0 else 6
         return 6 if self.kind == "point" else 5
@@ -139,12 +142,12 @@ class Incident(NamedTuple):
 
 
 def profiled_lights(scene: Scene) -> tuple[Light, ...]:
-    """Return the lights with a profile, in the order of the device's."""
+    """Return the lights with a profile, in the order in which the device stores their profiles."""
     return tuple(light for light in scene.lights if light.profile is not None)
 
 
 def profile_number(scene: Scene, light: Light) -> int:
-    """Return a scene light's index in `profiled_lights` + 1, or 0 without a profile."""
+    """Return 1 plus a light's index in `profiled_lights`, or 0 for a light without a profile."""
     if light.profile is None:
         return 0
     return 1 + next(i for i, other in enumerate(profiled_lights(scene)) if other is light)

@@ -29,13 +29,14 @@ from glpath.scene.spot_cone import spot_fade
 
 Int64 = NDArray[np.int64]
 
-# Number of bins of the centroids along an axis.
+# Number of bins along an axis, into which lights are sorted by centroid to find the cheapest split.
 _BINS = 12
-# Level from which on nodes are split in halves, so that a trail has at most 32 bits.
+# Number of upper levels at which nodes are split by cost. Below, they are split in halves, so that a trail has at
+# most 32 bits.
 _SPLIT_BY_COST = 11
 #: Maximum number of levels.
 MAX_DEPTH = 32
-# Padding of the angles of a spot and of a profile, which are sampled in steps of a quarter of a degree.
+# Padding in radians of the angles of spots and profiles, which are sampled in steps of a quarter of a degree.
 _MARGIN = np.radians(1.0)
 
 
@@ -218,7 +219,11 @@ def _angle(cosine: Float64) -> Float64:
 
 
 def _bounds(emitters: Emitters, items: Int64, starts: Int64, sizes: Int64) -> tuple[Float64, ...]:
-    """Return centre, radius, axis, inner, outer and strength of each run of items."""
+    """Return centre, radius, axis, inner, outer and strength of each group of lights, as in `LightTree`.
+
+    items         : (n,) indices of the lights, group after group
+    starts, sizes : index in `items` of each group's first light, and the group's number of lights
+    """
     corners, axes = emitters.corners[items], emitters.axis[items]
     low = np.minimum.reduceat(corners.min(axis=1), starts)
     high = np.maximum.reduceat(corners.max(axis=1), starts)
@@ -242,7 +247,11 @@ def _bounds(emitters: Emitters, items: Int64, starts: Int64, sizes: Int64) -> tu
 def _left(
     emitters: Emitters, items: Int64, segment: Int64, begins: Int64, counts: Int64, by_cost: bool
 ) -> NDArray[np.bool_]:
-    """Return (n,) bool: True for items that go to the first child of their segment."""
+    """Return (n,) bool: True for items that go to the first child of their node.
+
+    segment        : (n,) index of each item's node on this level
+    begins, counts : index of the first item of each node, and number of its items
+    """
     low, high = emitters.corners[items].min(axis=1), emitters.corners[items].max(axis=1)
     centroid = 0.5 * (low + high)
     first = np.minimum.reduceat(centroid, begins)
@@ -276,7 +285,7 @@ def _costs(
 ) -> Float64:
     """Return (segments, _BINS - 1) costs of the planes between bins.
 
-    The cost is strength times extent times spread, summed over both sides of a plane.
+    The cost is strength times squared extent times angular spread, summed over both sides of a plane.
     """
     cell, shape = segment * _BINS + bins, (segments, _BINS)
     size = segments * _BINS

@@ -1,4 +1,4 @@
-"""Light between diffuse surfaces, on the CPU without GL: shafts and visibility [SC], form factors, radiosity."""
+"""Radiosity of diffuse surfaces on the CPU, without OpenGL: shafts and visibility [SC], form factors, solvers."""
 
 from glpath.radiosity.picture import picture_of
 from glpath.radiosity.shafts.clusters import cluster

@@ -5,7 +5,7 @@ clipped to 0 to 1, so that lamps are white. Fronts and backs are separate triang
 only. A black side, such as the back of a one-sided material, is left out, so that a room can be viewed from
 outside.
 
-Cost:     24 to 36 bytes a vertex, and 12 for each element and side.
+Cost:     24 to 36 bytes per vertex, and 12 bytes per side of an element.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def write_glb(solution: RadiositySolution, scene: Scene, path: str | Path, exposure: float = 0.0) -> None:
-    """Write `scene`, in triangles, as .glb. See `RadiositySolution.to_glb`."""
+    """Write the triangulated `scene` with the light of `solution` as .glb. See `RadiositySolution.to_glb`."""
     path = check_suffix(path)
     if not abs(exposure) <= 100:
         raise UsageError(f"exposure is {exposure}; must be a number of stops from -100 to 100.")
@@ -80,7 +80,7 @@ def _primitives(
         if emits:
             radiance = radiance + emission
         colour = np.clip(radiance * 2.0**exposure, 0.0, 1.0).astype(np.float32)
-        if found:  # the front exists
+        if found:  # the front has triangles too, so those of the back lie slightly behind them
             behind_it = points - behind(scene) * scene.normals[triangle]
             position = file.add_array(behind_it.astype(np.float32), bounds=True)
         corners = faces[:, ::-1] if back else faces
@@ -97,9 +97,9 @@ def _primitives(
 def _lattices(
     solution: RadiositySolution, scene: Scene, triangles: range
 ) -> tuple[Float64, NDArray[np.int64], NDArray[np.int64], Float64]:
-    """Return vertices (V, 3) and elements (E, 3) of some triangles' lattices.
+    """Return vertices (V, 3) and elements (E, 3), as vertex indices, of some triangles' lattices.
 
-    Return also the triangle (V,) of each vertex and its barycentric coordinates there (V, 2).
+    Return also the triangle (V,) of each vertex, and the vertex's barycentric coordinates in it (V, 2).
     """
     points, faces, barycentric, first = [], [], [], 0
     for t in triangles:

@@ -1,12 +1,12 @@
 """Irradiance by position and normal, for streamed triangles, which have proxies but no radiosity solution.
 
-A point of a streamed triangle lies on no element, but near elements of the proxy. Their irradiance is stored in the
-cells of a grid, for six directions along the axes (ambient cubes). A normal (x, y, z) gets the sum of the three
-directions that it faces. Their weights x^2, y^2 and z^2 add up to one. Values are interpolated between the middles
-of cells.
+A point of a streamed triangle lies on no element, but near elements of its proxy. The irradiance of these elements
+is stored in the cells of a grid, for six directions along the axes (ambient cubes). A normal (x, y, z) gets the
+weighted sum of the three directions that it faces. The weights x^2, y^2 and z^2 add up to one. Values are
+interpolated between the centres of cells.
 
-Cost:     16 bytes for each side and direction of an occupied cell, 192 in all for each of some ten thousand; an
-          index of at most a megabyte.
+Cost:     192 bytes per occupied cell (16 for each side and direction), with about `OCCUPIED` such cells; an index
+          of at most a megabyte.
 Poor at:  light that changes within a cell. Use it for indirect light, a bounce away from the eye.
 Source:   Greger et al. 1998, The irradiance volume; McTaggart 2004, Half-Life 2 / Valve Source Shading.
 """
@@ -42,7 +42,8 @@ class IrradianceVolume:
     lower : (3,) lowest corner of the grid, in scene coordinates
     cell  : side length of a cell, scene units
     size  : (3,) number of cells along x, y, z
-    rows : (size[2], size[1], size[0]) int32, row of `values` for each cell: that of the nearest cell with surfaces
+    rows : (size[2], size[1], size[0]) int32, row of `values` for each cell; an empty cell has the row of the
+           nearest cell with surfaces
     values : (R, 2, 6, 4) float32, [row, front or back, direction x, -x, y, -y, z, -z]: irradiance W m^-2, and the
              fraction of direct light that it includes, 0 to 1
     """
@@ -55,11 +56,12 @@ class IrradianceVolume:
 
     @classmethod
     def of(cls, scene: Scene, solution: RadiositySolution, first: int, *, traced: bool) -> IrradianceVolume | None:
-        """Build the volume of the proxy triangles (see `Proxies`), from index `first` on; None if there are none.
+        """Build the volume from the proxy triangles (see `Proxies`); return None if there are none.
 
         solution : solution of the scene
-        traced   : True to leave out direct light, which is then traced, except near lamps; False to include all of
-                   it
+        first    : index of the first proxy triangle; all triangles from there on are proxies
+        traced   : True if the renderer traces direct light, so that the volume contains it only near lamps; False
+                   to include all direct light
         """
         corners = scene.triangles[first:]
         if not len(corners):
@@ -97,9 +99,9 @@ def _grid(lower: Float64, upper: Float64, area: float) -> tuple[float, NDArray[n
 def _points(
     scene: Scene, first: int, cell: float
 ) -> tuple[Float64, Float64, NDArray[np.int64], NDArray[np.float64]]:
-    """Return points (N, 3), areas (N,), triangles (N,) and barycentric coordinates (N, 2).
+    """Return sample points (N, 3) on proxies, their areas (N,), triangles (N,) and barycentric coordinates (N, 2).
 
-    Each point is the middle of its area, and each cell with surfaces has some points.
+    Each point is the centre of the area that it represents. Every cell with surfaces contains some points.
     """
     corners, areas = scene.triangles[first:], scene.areas[first:]
     parts = np.maximum(np.ceil(np.sqrt(_POINTS * areas) / cell), 1).astype(np.int64)
@@ -112,7 +114,10 @@ def _points(
 
 
 def _by_axis(row: NDArray[np.int64], rows: int, known: Float64, normals: Float64, areas: Float64) -> Float64:
-    """Return (R, 6, 4) means of the values `known` (N, 4) in each row, by the axes that normals (N, 3) face."""
+    """Return (R, 6, 4), weighted means of the values `known` (N, 4), for each row and each direction along an axis.
+
+    The weight of a sample is its area times the squared cosine between its normal and the direction, if positive.
+    """
     sums, weights = np.zeros((rows, 6, 4)), np.zeros((rows, 6))
     for axis in range(6):
         facing = np.maximum(normals[:, axis // 2] * (1 - 2 * (axis % 2)), 0.0)

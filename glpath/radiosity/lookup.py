@@ -1,11 +1,12 @@
 """Make the table of irradiance that a gather looks up, from a radiosity solution.
 
-The gather traces direct light, and looks up indirect light alone. Near a lamp the 1/r^2 of a light sample is
+The gather traces direct light, and looks up only indirect light. Near a lamp the factor 1/r^2 of a light sample is
 unbounded, and a sample that all pixels share would show as a bright spot. Near lamps the table therefore also holds
-a fraction of the direct light, which rises from 0 to 1 over half a lamp's width. The rest is traced.
+a fraction of the direct light, and the rest is traced. This fraction rises from 0 to 1 over half a lamp's width.
 
-An element holds a mean. A path from a point nearer than the element's width sees only a part of it. Beside an edge
-of light even a distant path may see only the dark or the bright part. Such paths continue instead (`min_distance`).
+An element holds the mean irradiance of its area. A path from a point nearer than the element's width sees only a
+part of that area. Where light changes abruptly, even a distant path may see only the dark or the bright part. Such
+paths are continued instead of looked up (`min_distance`).
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ from glpath.sampling.sobol import sobol_points
 from glpath.scene.model import Float64, Scene
 from glpath.system.kernels import kernel
 
-# Closeness to a lamp above which the table holds a part of its direct light. Closeness is the irradiance of a light
-# sample, relative to that of a sky with the lamp's radiance.
+# Closeness to a lamp above which the table holds a part of the direct light. Closeness is the irradiance by a light
+# sample, divided by the irradiance by a whole sky of the lamp's radiance.
 _FIRST = 0.5
-# Closeness from which on the table holds all direct light.
+# Closeness above which the table holds all direct light.
 _ALL = 1.5
 _LIGHT_SAMPLES = 512
-#: Minimum distance of elements that are never looked up.
+#: Value of `min_distance`, in scene units, for elements that are never looked up.
 NEVER = 1e30
 
 
@@ -58,8 +59,8 @@ def lookup_table(
 
     traced  : True to leave out direct light where the gather traces it, which is everywhere but near lamps
     in_gaps : True if paths may start in gaps that no camera sees, such as below a rug. Elements beside much
-              brighter or darker ones are then never looked up, because an edge of light may cross them. The same
-              holds for all solutions whose elements are not split at changes of light
+              brighter or darker ones are then never looked up, because light may change abruptly within them. The
+              same is done, whatever `in_gaps`, for solutions whose elements are all of the lattice's own size
     """
     interpolated = lookup == "interpolated"
     divisions = solution.divisions.astype(np.int64)
@@ -97,7 +98,7 @@ def _widths(scene: Scene, solution: RadiositySolution) -> Float64:
 
 
 def near_lamps(lighting: Lighting, receivers: Float64) -> Float64:
-    """Return the closeness (N,) of points (N, 3) to emitting shapes, relative to their size: 0 far, 1 near."""
+    """Return the fraction (N,) of direct light that the table holds at points (N, 3): 0 far from lamps, 1 near."""
     closeness = np.zeros(len(receivers))
     if not lighting.sides:
         return closeness
@@ -115,20 +116,26 @@ def near_lamps(lighting: Lighting, receivers: Float64) -> Float64:
 
 @kernel
 def _closest(receivers, points, weight, closeness):  # type: ignore[no-untyped-def]
-    """Raise closeness (N,) of receivers to the maximum over points (P, 3) of weight (P,) by squared distance."""
+    """Raise the `closeness` (N,) of receivers (N, 3) to the maximum of weight / squared distance over lamp points.
+
+    points, weight : (P, 3) and (P,), positions on lamps and their weights
+    """
     for r in range(len(receivers)):
         x, y, z = receivers[r, 0], receivers[r, 1], receivers[r, 2]
         found = closeness[r]
         for p in range(len(points)):
             dx, dy, dz = points[p, 0] - x, points[p, 1] - y, points[p, 2] - z
             square = max(dx * dx + dy * dy + dz * dz, 1e-18)
-            if weight[p] > found * square:  # rarely so; saves divisions
+            if weight[p] > found * square:  # rarely true, so divisions are rare too
                 found = weight[p] / square
         closeness[r] = found
 
 
 def _lattice_points(scene: Scene, n: NDArray[np.int64], interpolated: bool) -> Float64:
-    """Return (N, 3), the vertices of all triangles' lattices, or the middles of their elements."""
+    """Return (N, 3): if `interpolated`, the vertices of all triangles' lattices, otherwise their elements' centres.
+
+    n : (T,) divisions of each triangle's lattice
+    """
     if not interpolated:
         return Elements.of_lattices(n).points(scene, np.full((1, 3), 1 / 3))[:, 0]
     triangle = np.repeat(np.arange(len(n)), lattice.vertex_count(n))

@@ -47,7 +47,7 @@ class EyeHits:
 
     @classmethod
     def of(cls, scene: Scene, k: int = 4) -> Self:
-        """Trace the rays of a scene's camera."""
+        """Trace k x k rays per pixel from the scene's camera, and return their first hits."""
         triangles = path_traceable(scene.still())
         camera = triangles.camera.at()
         width, height = camera.resolution

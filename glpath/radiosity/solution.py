@@ -64,8 +64,8 @@ class RadiositySolution:
     method     : name of the solution method
     settings   : all other settings that affect the result, as JSON values
     statistics : cost of the solution, such as time, as JSON values
-    leaf_size  : (E,) uint16, edge of the solver's element that each element is part of, in elements; above 1 if the
-                 lattice is finer than the solved mesh. By default 1 everywhere
+    leaf_size  : (E,) uint16, edge length of the solver's element that contains each element, in elements; above 1
+                 if the lattice is finer than the solved mesh. By default 1 everywhere
     """
 
     scene_hash: str

@@ -7,7 +7,8 @@ from typing import Literal
 #: Kind of sample points: a Sobol sequence, or independent random points, see `points`.
 Sampling = Literal["sobol", "random"]
 
-#: Maximum number of path sets. A Sobol sequence of 30 bits ends at 2**30.
+#: Maximum number of path sets of a render. With `MAX_FIRST_PATH_SET`, their indices stay below 2**30, the end of a
+#: Sobol sequence of 30 bits.
 MAX_SPP = 2**29 - 256
 #: Maximum index of the first path set.
 MAX_FIRST_PATH_SET = 2**29

@@ -51,7 +51,7 @@ class PathSetSampler:
     Parameters
     ----------
     seed      : integer >= 0; another seed is another, independent render
-    max_depth : number of vertices of a path, as in the paper
+    max_depth : maximum number of vertices of a path, as in the paper
     sampling  : "sobol" or "random"
     lattice   : True to take the first direction from a lattice; not with "random"
     """
@@ -87,10 +87,10 @@ class PathSetSampler:
         return opened if opened == closed else opened + (closed - opened) * float(self.eye(index)[2])
 
     def eye(self, index: int) -> NDArray[np.float64]:
-        """Return (3,) in [0, 1) of a path set's eye: a point of the lens, and the time in the shutter's interval.
+        """Return (3,) in [0, 1) for a path set's eye: a point of the lens, and the time in the shutter's interval.
 
-        Any 2**k sets from a multiple of 2**k are evenly distributed in time, over the lens and over both. They have
-        their own order, so that they are independent of the set's other numbers.
+        Any 2**k successive sets, of which the first is a multiple of 2**k, are evenly distributed in time, over the
+        lens and over both. Their order is shuffled, so that they are independent of the set's other numbers.
         """
         if index // self._CHUNK != self._eye_chunk:
             self._eye_chunk = index // self._CHUNK
@@ -118,7 +118,9 @@ class PathSetSampler:
         return self._shuffled(start, 8, bounce)
 
     def _shuffled(self, start: int, purpose: int, which: int) -> NDArray[np.float64]:
-        """Return (chunk, 4) of the sequence's first dimensions in a shuffled order, different for each purpose.
+        """Return (chunk, 4), points of the sequence's first four dimensions in a shuffled order.
+
+        The order is different for each `purpose` and `which`.
 
         Source: Burley 2020, Practical Hash-based Owen Scrambling, section 4.
         """
@@ -136,28 +138,31 @@ _GENERATOR = 17939
 def lattice_point(seed: int, index: int) -> NDArray[np.float64]:
     """Return (2,) in [0, 1): point `index` of an extensible rank-1 lattice, shifted by the seed.
 
-    Any 2**k points from a multiple of 2**k form a lattice.
+    Any 2**k successive points, of which the first index is a multiple of 2**k, form a lattice.
     Source: Hickernell, Hong, L'Ecuyer & Lemieux 2000, Extensible Lattice Sequences for Quasi-Monte Carlo
     Quadrature.
     """
     shift = np.array([counter_hash(seed, axis, 7) for axis in range(2)], np.uint32)
-    # Modulo 2**32, which is 1 after the division.
+    # Unsigned integers wrap at 2**32, which corresponds to 1 after the division.
     point = _bits_reversed(np.array([index & 0xFFFFFFFF], np.uint32)) * np.array([1, _GENERATOR], np.uint32) + shift
     return np.asarray(point / 2.0**32)
 
 
 def pixel_sample(seed: int, index: int) -> tuple[float, float]:
-    """Return the position in the pixel of a set's rays that share nothing else: x to the right, y down, in [0, 1).
+    """Return the pixel position of a set whose rays share nothing else: x to the right, y down, in [0, 1).
 
-    The first is the centre. The positions are a Sobol sequence in base 2: any 2**k from a multiple of 2**k fill a
-    grid. They are Owen-scrambled, then shifted digit by digit so that the first is the centre.
+    Positions are a Sobol sequence: any 2**k successive ones, of which the first index is a multiple of 2**k, fill a
+    grid. They are Owen-scrambled, then shifted digit by digit so that position 0 is the pixel's centre.
     """
     ((x, y),) = pixel_samples(seed, index, 1)
     return float(x), float(y)
 
 
 def pixel_samples(seed: int, first: int, count: int) -> NDArray[np.float64]:
-    """Return (count, 2) consecutive positions; `count` is a power of two up to 4096 that divides `first`."""
+    """Return (count, 2), the positions of `pixel_sample` from index `first` on.
+
+    count : power of two up to 4096 that divides `first`
+    """
     block, index_in_block = divmod(first, _PIXEL_SAMPLES)
     found = _pixel_samples(seed)[index_in_block : index_in_block + count]
     if block:
@@ -171,7 +176,7 @@ _PIXEL_SAMPLES = 4096
 
 @lru_cache(maxsize=4)
 def _pixel_samples(seed: int) -> NDArray[np.float64]:
-    """Return (4096, 2) positions."""
+    """Return (4096, 2), the first positions of `pixel_sample`."""
     keys = np.random.default_rng(seed).integers(0, 2**32, 2, dtype=np.uint32)
     scrambled = _owen(sobol_points(0, _PIXEL_SAMPLES, 2), keys)
     return np.asarray((scrambled ^ scrambled[0] ^ np.uint32(1 << 31)) / 2.0**32)

@@ -58,7 +58,7 @@ def sobol_points_at(index: NDArray[np.uint64], dimensions: int) -> UInt32:
 
 @lru_cache(maxsize=1)
 def _direction_numbers() -> UInt32:
-    """Return (32, 64): the bits of a point that each bit of its index flips."""
+    """Return (32, 64), the bits of a point that each bit of its index flips, [index bit, dimension]."""
     numbers = np.empty((_BITS, DIMENSIONS), np.uint32)
     numbers[:, 0] = 1 << np.arange(_BITS - 1, -1, -1, dtype=np.uint64)
     for dimension, row in enumerate(_JOE_KUO.split(), start=1):

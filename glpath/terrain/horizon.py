@@ -52,7 +52,7 @@ class Horizon:
     points   : (N, 3) float64, x, y, z of the receivers; None: the samples of the field
     normals  : (N, 3) or (1, 3) float32, unit; if `points` is None, (R * C, 3) or (1, 3)
     azimuths : number of azimuths for sky view factors
-    height   : height above the surface of receivers at samples
+    height   : height of receivers at samples above the surface
     report   : function that gets a `ProgressEvent` at intervals
 
     Results are arrays (R, C) for samples, (N,) for points; NaN in holes and at points below ground.
@@ -144,11 +144,11 @@ class Horizon:
         return pyramid_of(self.field.heights)
 
     def _gradient(self, azimuth: float) -> tuple[float, float]:
-        """Return columns and rows per unit of distance; rows count southwards."""
+        """Return the columns and rows that a ray in this azimuth crosses per unit of distance; rows count south."""
         return _along(math.sin(azimuth)) / self.field.spacing[0], -_along(math.cos(azimuth)) / self.field.spacing[1]
 
     def _on_grid(self, begin: int, end: int) -> Float64:
-        """Return column, row, height (n, 3) of some receivers. Holes have height 0."""
+        """Return column, row and height (n, 3) of the receivers `begin` to `end`. Holes have height 0."""
         found = np.empty((end - begin, 3))
         if self.points is None:
             row, column = np.divmod(np.arange(begin, end), self.field.shape[1])
@@ -289,9 +289,9 @@ def horizon(
                   field. Points up to half a spacing below the surface are lifted onto it; deeper points get NaN
     normals     : normals of the receivers, (3,) or (N, 3), of any nonzero length; None: upward; "surface": normals
                   of the terrain
-    height      : height above the surface of receivers at points (N, 2) and at samples
-    azimuths    : number of azimuths for sky view factors, 8 to 720; the error falls with their square on smooth
-                  terrain
+    height      : height of receivers above the surface, for points (N, 2) and for samples
+    azimuths    : number of azimuths for sky view factors, 8 to 720; on smooth terrain the error is inversely
+                  proportional to the square of this number
     spacing     : distance between samples of an array or .npy, in the unit of its heights
     holes       : True if heights may be missing; holes cast no shadow
     on_progress : function called with a `glpath.system.reporting.ProgressEvent`

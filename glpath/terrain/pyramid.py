@@ -21,7 +21,7 @@ Int64 = NDArray[np.int64]
 
 #: Offset across a border to find the next block, in cells.
 _BEYOND = 1e-9
-#: Minimum distance of an occluder, in cells.
+#: Minimum distance of an occluder from the receiver, in cells; terrain nearer than that is ignored.
 _NEAREST = 1e-6
 
 
@@ -154,7 +154,7 @@ def tangents_at(heights, maxima, levels, points, gradient, tangents):  # type: i
 
 @kernel
 def add_suns(heights, maxima, levels, points, suns, sums):  # type: ignore[no-untyped-def]
-    """Add the weights of the suns that are visible from points.
+    """Add to `sums` the weights of the suns that are visible from points and in front of their surfaces.
 
     points : (N, 6) column, row, height, and normal with x east, y south, z up
     suns   : (S, 7) columns and rows per unit of distance, tangent of the altitude, unit vector to the sun (x east,

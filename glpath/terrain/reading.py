@@ -38,7 +38,8 @@ _MAX_WORLD_BYTES = 4096
 # Memory in bytes of a sample while a height field is checked, and of a point of a point cloud while it is read.
 _DECODED_SAMPLE, _DECODED_POINT = 12, 48
 
-# LAS: number of layers and minimum record size in bytes of layered point formats; each further byte is a layer.
+# LAS: number of layers and minimum record size in bytes of layered point formats. Each byte of a record above that
+# size is one more layer.
 _LAS_LAYERS = {6: (9, 30), 7: (10, 36), 8: (11, 38), 9: (10, 59), 10: (12, 67)}
 _LAS_FORMAT = 0x3F
 # Highest LAS point format that exists.
@@ -49,10 +50,10 @@ _LAS_HEADER = 227
 _LAS_HEADER_1_4 = 375
 # Size of the smallest LAS record, bytes.
 _LAS_RECORD = 54
-# Bit of a compressed LAS point format.
+# Bit of the LAS point format that is set if points are compressed.
 _LAS_COMPRESSED = 0x80
 
-# Metres of a unit of heights, by its names in GDAL, PROJ and EPSG.
+# Length in metres of each unit of heights, by the unit's names in GDAL, PROJ and EPSG.
 _METRES = {
     **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
     **dict.fromkeys(("cm", "centimetre", "centimetres", "centimeter", "centimeters"), 0.01),
@@ -177,7 +178,7 @@ def _is_no_number(word: bytes) -> bool:
 
 
 def _text(word: bytes) -> str:
-    """Return a word of a file for a message."""
+    """Return a word of a file, quoted and shortened, for a message."""
     return f'"{word[:40].decode(errors="backslashreplace")}"'
 
 
@@ -274,7 +275,7 @@ def _transform(path: Path, raster: Any) -> Any:
 
 
 def _world_file(path: Path) -> Path | None:
-    """Return the world file beside a TIFF, in any case; None if there is none."""
+    """Return the world file beside a TIFF, whatever the case of its name; None if there is none."""
     exact = [path.with_suffix(each) for each in _WORLD_FILES]
     files = {each.name.casefold(): each for each in (*sorted(path.parent.iterdir()), *exact) if each.is_file()}
     return next((files[name] for each in exact if (name := each.name.casefold()) in files), None)
@@ -290,10 +291,10 @@ def _heights(path: Path, raster: Any) -> Any:
 
 
 def _height_unit(path: Path, raster: Any) -> float:
-    """Return the unit of heights of a TIFF in units of its x and y.
+    """Return the factor that converts a TIFF's heights to the unit of its x and y.
 
-    Heights without a unit are taken to be in that of x and y; if it is not the metre, there is a warning. So there
-    is of a unit that is not known.
+    Heights without a unit, or with an unknown unit, are taken to be in the unit of x and y. A warning is printed
+    for an unknown unit, and for a missing unit if x and y are not in metres.
     """
     crs, unit = raster.crs, raster.units[0]
     if crs is None or not crs.is_projected:

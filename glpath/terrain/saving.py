@@ -36,8 +36,10 @@ def check_kind(path: str | Path, of_points: bool, more: tuple[str, ...] = ()) ->
 def save(path: str | Path, found: Horizon, values: NDArray[Any]) -> None:
     """Write values of receivers in the format of the path's suffix.
 
-    .tif : float32 raster with the field's georeference; NaN means no data .npy : only the values .npz : `values`,
-    with `x` (C,) and `y` (R,) for samples, or `points` (N, 3) .csv : columns x, y, z, value, for points
+    .tif : float32 raster with the field's georeference; NaN means no data
+    .npy : only the values
+    .npz : `values`, with `x` (C,) and `y` (R,) for samples, or `points` (N, 3)
+    .csv : columns x, y, z, value, for points
 
     Raises UsageError for values of another shape, ImageError for another suffix.
     """

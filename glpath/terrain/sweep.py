@@ -49,8 +49,8 @@ def lattice_directions(count: int, spacing: tuple[float, float]) -> list[Lattice
 
     spacing : distances between columns and between rows
 
-    Each is the shortest step within a quarter of a sector of a uniform direction. If no step up to `MAX_STEP` is
-    that close, the closest is taken.
+    They approximate `count` equally spaced azimuths. Each is the shortest step that deviates from its azimuth by at
+    most a quarter of the distance between azimuths. If no step up to `MAX_STEP` is that close, it is the closest.
     """
     candidates = [
         (max(abs(c), abs(r)), math.atan2(c * spacing[0], -r * spacing[1]) % (2 * math.pi), c, r)
@@ -111,7 +111,7 @@ def horizon_tangents(
     at, ends = _crossings(direction.columns, direction.rows)
     step = max(abs(direction.columns), abs(direction.rows))
     room = (len(at) + 1) * (max(rows, columns) // step + 2)
-    # A line starts at a sample from which a step backwards leaves the field. Starts in whole rows come first.
+    # A line starts at a sample from which a step backwards leaves the field. Rows that are all starts come first.
     first_rows = min(abs(direction.rows), rows)
     count = rows * columns - (rows - first_rows) * max(columns - abs(direction.columns), 0)
     threads = core_count()
@@ -170,7 +170,7 @@ def _sweep(heights, at, ends, step, begin, end, stack, tangents):  # type: ignor
                 if height != height:
                     continue
                 distance = (k + at[i, 0]) * length
-                # Pop the last hull point while it lies below the line from this point to the one before.
+                # Pop the last hull point while it lies below the line from this point to the hull point before it.
                 while top > 1 and (stack[top - 1, 1] - height) * (stack[top - 2, 0] - distance) <= (
                     stack[top - 2, 1] - height
                 ) * (stack[top - 1, 0] - distance):

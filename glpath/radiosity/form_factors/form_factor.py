@@ -2,18 +2,18 @@
 
 F_ij, from receiver i to emitter j, is the fraction of light leaving i that reaches j. It is also the fraction of
 j's radiosity that becomes irradiance of i. It is the mean over points of the receiver, without points buried in a
-solid such as a box on the floor. At each point it is
+solid such as a box on the floor. The form factor of each point is, by `kind`,
 
-    "polygon"  the form factor of the whole triangle by Lambert's formula, times its visible fraction
+    "polygon"  Lambert's form factor of the whole emitting triangle, times the visible fraction of its samples
     "disc"     the sum over visible samples of cos cos / (pi r^2 + A / n) * A / n, Wallace's discs
 
-With polygons the rows of a closed room without occluders add up to 1 to the last digits, with discs only
-approximately. An emitter has 1 to 25 samples, more if it is large and near: the distance should be five times the
-size of a part.
+In a closed room without occluders, each row of the matrix sums to 1: within rounding for "polygon", approximately
+for "disc". An emitter is divided into 1 to 25 equal parts, with one sample each. The number of parts is such that
+the distance is at least five times the size of a part, if 25 parts suffice for that.
 
 J. Wallace, K. Elmquist, E. Haines, "A ray tracing algorithm for progressive radiosity", 1989.
 
-Cost:     a ray per receiver point and emitter sample, and none if the shaft is empty.
+Cost:     a ray per receiver point and emitter sample, but none if the shaft between them contains no occluder.
 Poor at:  receivers that touch an emitter, and the penumbra of a lamp for which 25 samples are too few.
 """
 
@@ -42,11 +42,13 @@ from glpath.system.time_limit import check_time
 Kind = Literal["polygon", "disc"]
 KINDS: tuple[Kind, ...] = ("polygon", "disc")
 
-#: Distance, in sizes of an emitter's part, from which one sample represents the part.
+#: Minimum distance from a receiver point to an emitter, as a multiple of the size of the emitter's parts. Closer
+#: emitters get more and smaller parts.
 FIVE_TIMES = 5.0
-#: Fraction of all points. If more points than this need rays, rays go to all points, whose shafts are prepared.
+#: If more than this fraction of the points needs rays, rays go to all points, because all share prepared shafts.
 _MAX_SHARE = 0.4
-#: Minimum height of a lit point in front of an emitter, as a fraction of the emitter's size.
+#: Minimum height of a point above the emitter's plane, and of the emitter above the point's plane, as a fraction of
+#: the emitter's size. Pairs below it exchange no light.
 _LEVEL = 1e-9
 
 
@@ -56,12 +58,13 @@ class FormFactors:
     Neighbouring emitters on one polygon form a batch; their rays share shafts and the cost of a call.
 
     scene      : triangulated scene
-    visibility : visibility among its occluders, of `Occluders.of_scene`
-    emitters   : elements whose sides `shooting` emit
+    visibility : visibility test, built from `Occluders.of_scene(scene)`
+    emitters   : elements that emit
+    shooting   : the sides of these elements that emit; columns follow their order
     kind       : "polygon" or "disc", see the module
     max_samples       : maximum number of samples of an emitter: 1, 4, 9, 16 or 25
     points     : number of points per receiver: 1, 4, 9, ...
-    together   : maximum number of emitters of a batch
+    together   : maximum number of emitters in a batch
     """
 
     def __init__(
@@ -96,12 +99,12 @@ class FormFactors:
             self.batch_of[batch] = i
 
     def receivers(self, elements: Elements, sides: Sides) -> ReceiverPoints:
-        """Return points of the sides of elements, for `of_batch`."""
+        """Return the points that represent the sides of elements, in the form that `of_batch` takes."""
         solid = self.visibility.occluders.solid[self._polygon]
         points, is_open = Solids.of(self.scene, solid).open_points(elements, sides, self.points)
         each = points.shape[1]
         polygon = np.repeat(self._polygon[elements.triangle[sides.element]], each)
-        # One side of one polygon is a receiver for shafts.
+        # Shafts treat each side of a polygon as one receiver.
         key = 2 * polygon + np.repeat(sides.back, each)
         order = np.argsort(key, kind="stable")
         normals = np.ascontiguousarray(np.repeat(sides.normal, each, axis=0)[order])
@@ -146,12 +149,15 @@ class FormFactors:
             share = pool.map if threads > 1 else map
             for one in share(lambda b: self.of_batch(b, at), batches):
                 found.append(one)
-                check_time("finding form factors")  # checked here, because threads have no limit
+                check_time("finding form factors")  # checked here, because worker threads have no time limit
         return found
 
 
 def _batches(middles: Float64, group: Int64, max_samples: int) -> list[Int64]:
-    """Return batches of indices of neighbouring points (N, 3) of one group, each at most `max_samples` long."""
+    """Split points (N, 3) into batches of neighbours of the same group (N,); return the indices in each batch.
+
+    max_samples : maximum number of points in a batch
+    """
     order = np.argsort(group, kind="stable")
     pending = np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(order) else []
     done = []
@@ -168,7 +174,7 @@ def _batches(middles: Float64, group: Int64, max_samples: int) -> list[Int64]:
 
 
 class _Lit(NamedTuple):
-    """Points for the kernels: positions (P, 3), normals (P, 3), and the receiver (P,) of each."""
+    """Receiver points for the kernels: positions (P, 3), normals (P, 3), and the index (P,) of their receiver."""
 
     points: Float64
     normals: Float64
@@ -186,12 +192,12 @@ class _Emitters(NamedTuple):
 
 @dataclass(frozen=True)
 class ReceiverPoints:
-    """Points that represent receivers, polygon by polygon.
+    """Points that represent receivers, sorted by polygon and side.
 
     receivers : points for `Visibility`
-    prepared  : the same points, prepared for shafts
-    lit       : the same points, with the receivers that contain them
-    open      : (R,) fraction of each receiver that is not buried in a solid
+    prepared  : the same points, prepared for shafts; None without points
+    lit       : the same points, with the index of the receiver of each
+    open      : (R,) fraction of each receiver's area that is not buried in a solid
     each      : number of points of a receiver
     """
 
@@ -245,10 +251,12 @@ def _tiers(lit, emitters, tiers, tier):  # type: ignore[no-untyped-def]
 
 @kernel
 def _factors(lit, emitters, some, wanted, samples, visible, polygon, factors):  # type: ignore[no-untyped-def]
-    """Add the form factors of points `some` to factors (B, R), for pairs that are `wanted` (P, B).
+    """Add the form factors of points to the sums `factors` (B, R) of their receivers.
 
-    samples : (B, S, 3)
-    visible : (len(some), B * S)
+    some    : indices of the points
+    wanted  : (P, B) True for the pairs of point and emitter to compute
+    samples : (B, S, 3) positions on the emitters
+    visible : (len(some), B * S) True if the point sees the sample
     """
     points, normals, number = lit
     corners, normal, _, areas = emitters
@@ -275,17 +283,17 @@ def _factors(lit, emitters, some, wanted, samples, visible, polygon, factors):  
             if not polygon:
                 factors[b, number[p]] += seen
             elif seen > 0 or total == 0:
-                # An emitter that rises over the horizon by less than a sample counts as visible.
+                # If only a part without samples rises above the horizon, this part counts as visible.
                 share = seen / total if total > 0 else 1.0
                 factors[b, number[p]] += share * triangle_factor(px, py, pz, nx, ny, nz, corners[b])
 
 
 @inner_kernel
 def triangle_factor(px, py, pz, nx, ny, nz, corners):  # type: ignore[no-untyped-def]
-    """Return the unoccluded form factor from a small element at p to a triangle (3, 3), for either side of it.
+    """Return the unoccluded form factor from a small element at p to a triangle (3, 3), seen from either side.
 
-    n is the element's normal. The formula is Lambert's, 1 / (2 pi) sum theta (v_i x v_i+1) / |v_i x v_i+1| . n, of
-    the part above the horizon.
+    n is the element's normal. The formula is Lambert's, 1 / (2 pi) sum theta (v_i x v_i+1) / |v_i x v_i+1| . n. It
+    is applied to the part of the triangle above the element's plane.
     """
     total = 0.0
     n = (nx, ny, nz)
@@ -316,7 +324,7 @@ def triangle_factor(px, py, pz, nx, ny, nz, corners):  # type: ignore[no-untyped
 
 @inner_kernel
 def _edge(a, b, n):  # type: ignore[no-untyped-def]
-    """Return the angle that an edge subtends, times the cosine between its plane's normal and n."""
+    """Return the angle between the vectors a and b, times the cosine between n and the normal of their plane."""
     cx, cy, cz = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     sine = np.sqrt(cx * cx + cy * cy + cz * cz)
     if sine == 0:

@@ -1,4 +1,4 @@
-"""Choose a few of many punctual lights for each point, by their estimated irradiance near it, without bias."""
+"""Choose a few of many punctual lights for each point, without bias, by each light's irradiance near the point."""
 
 from __future__ import annotations
 
@@ -11,24 +11,25 @@ from glpath.scene.model import Float64
 
 Int64 = NDArray[np.int64]
 
-#: Number of lights from which on a point samples only a few.
+#: Minimum number of punctual lights; with fewer, a point uses all lights instead of sampling a few.
 MANY = 9
-#: Number of light samples of a point.
+#: Number of lights sampled per point.
 _SAMPLES = 4
-# Weight of a light's irradiance at a point of the row, in the probability of the light.
+# The probability of a light is a weighted sum of three terms, whose weights add up to 1.
+# Weight of the light's irradiance at the row's point, as a fraction of all lights' irradiance there.
 _BRINGS = 0.6
-# Weight of the bound of a light's irradiance near that point, in the same probability.
+# Weight of an upper bound of the light's irradiance near that point, as the same kind of fraction.
 _MAY_BRING = 0.35
-# Weight of a uniform choice in the same probability.
+# Weight of a uniform choice.
 _ALIKE = 0.05
 # Maximum number of probabilities in a table; larger tables are replaced by one row for all points.
 _MAX_CHANCES = 1 << 22
 
 
 class LightChoice(NamedTuple):
-    """Probabilities of lights, in rows.
+    """Probabilities of lights, in R rows.
 
-    edges  : (R L,) cumulative sums of the probabilities of row r, plus r
+    edges  : (R * L,) cumulative probabilities of each row; r is added to those of row r, so that all ascend
     lights : number L of lights
     """
 
@@ -39,7 +40,8 @@ class LightChoice(NamedTuple):
     def of(cls, brings: Float64, may_bring: Float64) -> LightChoice:
         """Build the probabilities from the lights' irradiances.
 
-        brings, may_bring : (R, L), irradiance of each light at a point of the row, and its maximum near that point
+        brings    : (R, L) irradiance by each light at the point that a row stands for
+        may_bring : (R, L) approximate maximum of this irradiance near the point
         """
         lights = brings.shape[1]
         if not brings.size or brings.size > _MAX_CHANCES:
@@ -50,7 +52,10 @@ class LightChoice(NamedTuple):
         return cls(edges.ravel(), lights)
 
     def draw(self, rows: Int64, random: np.random.Generator) -> tuple[Int64, Float64]:
-        """Return stratified lights (P, 4) for points of rows (P,), and the weight of each sample."""
+        """Draw four lights per point, stratified; return their indices (P, 4) and weights (P, 4).
+
+        rows : (P,) row of probabilities for each point
+        """
         if len(self.edges) == self.lights:
             rows = np.zeros_like(rows)
         u = (np.arange(_SAMPLES) + random.random((len(rows), _SAMPLES))) / _SAMPLES
@@ -68,9 +73,10 @@ def _shares(worth: Float64) -> Float64:
 
 
 class Chosen(NamedTuple):
-    """Light choice of points.
+    """Light choice for some points.
 
-    rows : (P,) row of `choice` for each point
+    choice : probabilities of the lights
+    rows   : (P,) row of `choice` for each point
     """
 
     choice: LightChoice

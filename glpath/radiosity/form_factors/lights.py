@@ -1,12 +1,12 @@
 """Direct light at points from lights that are not patches: point, spot and directional lights, and the sky.
 
-Their light is traced to the points by rays, and the solvers start with the light that surfaces reflect.
+Rays find how much of this light arrives at the points. The solvers then start from the light that surfaces reflect.
+A triangle transmits 1 minus its mean opacity, and thin dielectrics transmit without bending the ray.
 
 Cost:     a ray from each point to each punctual light that it faces, and `SKY_RAYS` if there is a sky. An
-          environment map takes twice as many, half of them distributed by its radiance in directions that points
-          share. Under another sky it takes 16 to 256 more, half of which are aimed at directions in which rays of
-          the same element have seen the sky. Light passes through a triangle by its mean opacity, and straight
-          through thin dielectrics.
+          environment map takes twice as many: half cosine-weighted, half distributed by the map's radiance, in
+          directions that points share. Any other sky takes 16 to 256 more rays. Half of these are aimed at
+          directions in which rays of the same element have reached the sky.
 Poor at:  an environment map seen through small openings, which few of a point's rays pass; solid and rough
           transmission, behind which this light is missing.
 """
@@ -34,27 +34,27 @@ from glpath.system.machine import core_count
 
 Int64 = NDArray[np.int64]
 
-#: Number of rays from a point to the sky, a square number: one in each cell of the unit square mapped to the
-#: hemisphere.
+#: Number of rays from a point to the sky, a square number. The unit square is mapped to the hemisphere, and has one
+#: ray in each of so many cells.
 SKY_RAYS = 64
-#: Number of bins of the unit square that is mapped to directions about a normal, a square number, for guides to the
-#: sky.
+#: Number of bins of directions about a normal, a square number: cells of the same square. Guided rays choose a bin
+#: by its probability.
 BINS = 64
 _GUIDED = 0.5  # fraction of guided rays; the others are cosine-weighted, which limits the weight of a ray to 2
-#: Target number of guided rays from all points. A mean over many elements needs fewer rays from each point.
+#: Target number of guided rays from all points together, so that each of many points casts fewer.
 _AIMED_RAYS = 1 << 20
 #: Minimum number of guided rays from each point.
 _MIN_AIMED = 16
 #: Maximum number of guided rays from each point.
 _MAX_AIMED = 256
-#: Number of points in a task of guided rays.
+#: Maximum number of points in a task that casts guided rays.
 _AIMED_TOGETHER = 1024
-#: Number of points in a task, so that their rays fit into memory.
+#: Maximum number of points in any other task, so that the rays of a task fit into memory.
 _TOGETHER = 4096
-#: Number of directions, distributed by a map's radiance, that points share.
+#: Number of directions, distributed by an environment map's radiance, that many points share.
 _DRAWN = 1 << 14
-#: Distance from a light, as a fraction of the ray's length, within which occluders are ignored, as lights may lie
-#: on surfaces.
+#: Occluders closer to a light than this fraction of the ray's length are ignored, because lights may lie on
+#: surfaces.
 _NEAR_LIGHT = 1e-9
 
 
@@ -71,10 +71,12 @@ class DirectLight:
         return bool(self.lighting.punctual) or self.lighting.sky is not None
 
     def of_sides(self, sides: Sides, triangle: Int64, points: Float64, number: Int64, each: int) -> Float64:
-        """Return (R, 3), irradiance of sides in W m^-2, each the mean over `each` points.
+        """Return (R, 3), irradiance of sides in W m^-2, each the mean over the points of the side.
 
         triangle : (R,) index of the scene's triangle that each side is part of
-        points   : (P, 3), with the index (P,) of the side of each in `number`
+        points   : (P, 3) positions
+        number   : (P,) index of the side of each point
+        each     : number of points of a side
         """
         if not self:
             return np.zeros((len(sides), 3))
@@ -88,8 +90,8 @@ class DirectLight:
     def _at_aimed(self, points: Float64, sides: Sides, triangle: Int64, number: Int64) -> Float64:
         """Return irradiance as `at` does, under a sky that may be visible only through a small window.
 
-        First rays find where the sky is visible. Their radiance guides the other rays but is not in the estimate,
-        which is therefore unbiased.
+        A first set of rays finds where the sky is visible. Its radiance guides a second set, but does not enter
+        the estimate, so the estimate is unbiased.
         """
         rays = int(np.clip(_AIMED_RAYS // max(len(points), 1), _MIN_AIMED, _MAX_AIMED))
         parts = [slice(i, i + _AIMED_TOGETHER) for i in range(0, len(points), _AIMED_TOGETHER)]
@@ -164,7 +166,10 @@ class DirectLight:
         sky_rays: int,
         chosen: Chosen | None = None,
     ) -> tuple[Float64, Float64]:
-        """Return `estimate` as the mean of the channels (P,), and the part (P, BINS) from each bin of the sky."""
+        """Return the mean over channels (P,) of `estimate`, and the part (P, BINS) of it from each bin of the sky.
+
+        The bins are 0 if there is no sky, or an environment map.
+        """
         bins = np.zeros((len(points), BINS))
         sky = self.lighting.sky
         if sky is None or isinstance(sky, Environment):
@@ -177,9 +182,9 @@ class DirectLight:
         return self._punctual(points, normals, triangle, chosen, random).mean(axis=1) + bins.sum(axis=1), bins
 
     def choice(self, points: Float64, normals: Float64, triangle: Int64, radius: Float64) -> LightChoice | None:
-        """Return the choice of punctual lights for points (P, 3), a row for each; None if there are few lights.
+        """Return the choice of punctual lights for points (P, 3), one row each; None for fewer lights than `MANY`.
 
-        radius : (P,) distance within which the maximum irradiance of each light also counts
+        radius : (P,) distance from each point; a light's maximum irradiance within it raises its probability
         """
         lights = self.lighting.punctual
         if len(lights) < MANY:
@@ -238,16 +243,16 @@ class DirectLight:
         random: np.random.Generator,
         rays: int,
     ) -> Float64:
-        """Return (P, 3), irradiance by an environment map, from `rays` cosine-weighted rays and as many others.
+        """Return (P, 3), irradiance by an environment map, by multiple importance sampling with 2 * `rays` rays.
 
-        The others are distributed by the map's radiance.
+        Half of the rays are cosine-weighted, half are distributed by the map's radiance.
         """
         by_cosine = _about(normals[:, None], _stratified(len(points), random, rays))
         wi = np.concatenate([by_cosine, _by_the_radiance(sky, len(points), random, rays)], axis=1)
         cosine = np.einsum("pkc,pc->pk", wi, normals)
         point, ray = np.nonzero(cosine > 0)
         free = self._free(points[point], triangle[point], wi[point, ray, None], np.full(len(point), np.inf))[:, 0]
-        # In a room few rays reach the sky, and looking up a map is slower than casting a ray.
+        # Only rays that reach the sky look up the map: in a room they are few, and a look-up is slower than a ray.
         arrive = np.flatnonzero(free.any(axis=1))
         point, ray = point[arrive], ray[arrive]
         radiance = sky.radiance(wi[point, ray])
@@ -262,7 +267,12 @@ class DirectLight:
         return np.asarray(free * self.lighting.sky.radiance(wi))
 
     def _free(self, points: Float64, triangle: Int64, wi: Float64, distance: Float64) -> Float64:
-        """Return (P, K, 3), the fraction of light that arrives; 0 or 1 unless surfaces transmit a part of it."""
+        """Return (P, K, 3), the fraction of light that arrives along rays wi (P, K, 3).
+
+        It is 0 or 1 unless surfaces transmit a part of the light.
+
+        distance : (P,) length of each point's rays
+        """
         end = distance * (1 - _NEAR_LIGHT)
         free = np.empty(wi.shape)
         _free(self._surfaces, points, triangle, np.ascontiguousarray(wi), end, np.empty((2, 3)), free)
@@ -270,7 +280,10 @@ class DirectLight:
 
 
 def _about(normals: Float64, u: Float64) -> Float64:
-    """Return (..., 3), cosine-weighted directions about normals: points of the unit sphere around the tip."""
+    """Return (..., 3), cosine-weighted directions about unit normals, from u (..., 2) in [0, 1).
+
+    u selects a point on the unit sphere around the normal's tip. The direction leads to that point.
+    """
     z = 1 - 2 * u[..., 0]
     r, phi = np.sqrt(np.maximum(1 - z * z, 0.0)), 2 * np.pi * u[..., 1]
     wi = np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1) + normals
@@ -286,7 +299,7 @@ def guides_of(weights: Float64) -> Float64:
     """
     side = round(BINS**0.5)
     grid = weights.reshape(-1, side, side)
-    # Bins of one height form a ring.
+    # A row of bins is a ring of directions at one height above the surface, so its first and last bins touch.
     grid = grid + 0.5 * (np.roll(grid, 1, axis=2) + np.roll(grid, -1, axis=2))
     above = np.concatenate([grid[:, :1], grid[:, :-1]], axis=1)
     below = np.concatenate([grid[:, 1:], grid[:, -1:]], axis=1)
@@ -298,7 +311,7 @@ def guides_of(weights: Float64) -> Float64:
 
 
 def drawn_bins(guides: Float64, random: np.random.Generator, rays: int) -> tuple[Int64, Float64]:
-    """Return (P, rays), bins drawn by guides (P, BINS), stratified, and the probability of each."""
+    """Draw a bin for each ray by guides (P, BINS), stratified; return bins and their probabilities, (P, rays)."""
     at = (np.arange(rays) + random.random((len(guides), rays))) / rays
     bins = np.minimum((guides[:, None] <= at[..., None]).sum(axis=2), BINS - 1)
     row = np.arange(len(guides))[:, None]
@@ -313,11 +326,11 @@ def directions_in_bins(normals: Float64, bins: Int64, random: np.random.Generato
 
 
 def _by_the_radiance(sky: Environment, count: int, random: np.random.Generator, rays: int) -> Float64:
-    """Return (P, rays, 3), unit directions distributed by the map's radiance for `count` points, stratified.
+    """Return (count, rays, 3), unit directions distributed by the map's radiance for each point, stratified.
 
-    Drawing a direction costs more than casting a ray. Many points therefore choose from `_DRAWN` directions, one
-    from each cell, which leaves the mean unchanged. These directions are stratified within cells too, because all
-    points share their error.
+    Drawing a direction costs more than casting a ray. Many points therefore share `_DRAWN` directions, and each
+    point picks one at random from each cell, so the estimate stays unbiased. The shared directions are stratified
+    within cells too, because all points share their error.
     """
     cells, finer = round(rays**0.5), round((_DRAWN / rays) ** 0.5)
     if count <= finer * finer:
@@ -329,20 +342,23 @@ def _by_the_radiance(sky: Environment, count: int, random: np.random.Generator, 
 
 
 def _directions(sky: Environment, u: Float64, random: np.random.Generator) -> Float64:
-    """Return (..., 3), directions by a map's radiance, from u (..., 2): numbers for the row and the texel."""
+    """Return (..., 3), directions distributed by a map's radiance.
+
+    u : (..., 2) in [0, 1); the numbers select the row of the map and the texel in it
+    """
     numbers = np.stack([u[..., 0], random.random(u.shape[:-1]), u[..., 1]], axis=-1)
     return sky.directions(numbers.reshape(-1, 3)).reshape(*u.shape[:-1], 3)
 
 
 def _stratified(count: int, random: np.random.Generator, rays: int) -> Float64:
-    """Return (P, rays, 2) in [0, 1), one in each cell of the square for each point."""
+    """Return (count, rays, 2) random points in the unit square, one in each of `rays` square cells."""
     cells = round(rays**0.5)
     at = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), axis=-1).reshape(-1, 2)
     return np.asarray((at + random.random((count, cells * cells, 2))) / cells)
 
 
 class _Surfaces(NamedTuple):
-    """Transmission of surfaces: normals (T, 3), opacity (T,), (T,) True if the back is culled, and glass."""
+    """Triangles that rays cross: ray queries, normals (T, 3), opacity (T,), culled backs (T,) bool, and glass."""
 
     rays: Rays
     normals: Float64
@@ -358,9 +374,9 @@ class _Surfaces(NamedTuple):
 
 @kernel
 def _free(surfaces, points, triangle, wi, end, work, free):  # type: ignore[no-untyped-def]
-    """Fill `free` (P, K, 3), the fraction of light left along rays wi (P, K, 3) from points of triangles.
+    """Fill `free` (P, K, 3), the fraction of light that remains along rays wi (P, K, 3) from points on triangles.
 
-    end  : (P,) end of the rays
+    end  : (P,) length of each point's rays; occluders beyond it are ignored
     work : (2, 3) working memory
     """
     rays, normals, opacity, culled, glass = surfaces

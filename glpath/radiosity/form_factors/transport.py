@@ -1,6 +1,6 @@
 """Transport of light between the surfaces of a mesh: patches shoot, elements receive, form factors are cached.
 
-Progressive refinement and the full matrix share this code.
+The solvers for progressive refinement and for the full matrix share this code.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from glpath.system.machine import core_count
 
 Float32 = NDArray[np.float32]
 
-#: Number of receiver points times emitters that is worth a call; with fewer the call costs more than its work.
+#: Minimum number of pairs of receiver point and emitter in a call, below which overhead dominates its time.
 _WORTH_A_CALL = 100_000
 _MAX_TOGETHER = 64
-#: Fraction of a fully buried element's area that still counts.
+#: Minimum fraction of an element's area that counts as unburied, so that no element has the area 0.
 _BURIED = 1e-6
 
 
@@ -60,7 +60,7 @@ class Transport:
     areas    : (Q,) areas of these sides without parts buried in solids
     elements : R sides of the elements, which receive
     patch    : (R,) index of the patch's side that each element's side is part of
-    share    : (R,) fraction of that side's area
+    share    : (R,) unburied area of each element's side, as a fraction of the area of its patch's side
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Transport:
         together = _WORTH_A_CALL // max(1, len(self.elements) * options.points)
         self.form_factors = FormFactors(
             scene,
-            # Threads process different emitters.
+            # One thread, because `FormFactors` already processes several batches of emitters in threads.
             Visibility(Occluders.of_scene(scene, culling=True), shafts or ShaftOptions(), threads=1),
             mesh.patches,
             self.sides,
@@ -90,7 +90,7 @@ class Transport:
         self._at = self._receive()
 
     def _receive(self) -> ReceiverPoints:
-        """Make receivers of the sides of the mesh's elements."""
+        """Return receiver points on the elements' sides, and update `elements`, `patch`, `areas` and `share`."""
         mesh = self.mesh
         self.elements = Sides.of(mesh.scene, mesh.elements)
         number = self.sides.number(len(mesh.patches))
@@ -110,7 +110,7 @@ class Transport:
         return self._lights.of_sides(sides, triangle, at.lit.points, at.lit.number, at.each)
 
     def sent_on(self, irradiance: Float64) -> Float64:
-        """Return (Q, 3), radiosity that patches reflect and transmit of their elements' irradiance (R, 3)."""
+        """Return (Q, 3), radiosity of the patches by reflection and transmission of irradiance (R, 3)."""
         found = self.mean_of_patches(self.elements.reflectance * irradiance)
         if self.elements.transmittance.any():
             through = self.mean_of_patches(self.elements.transmittance * irradiance)
@@ -120,22 +120,22 @@ class Transport:
 
     @cached_property
     def behind(self) -> Int64:
-        """Index (Q,) of the opposite side of each patch's side; -1 if that is black."""
+        """Index (Q,) of the opposite side of each patch's side; -1 if the opposite side is black."""
         number = self.sides.number(len(self.mesh.patches))
         return np.asarray(number[self.sides.element, 1 - self.sides.back])
 
     def mean_of_patches(self, values: Float64) -> Float64:
-        """Return (Q, 3), the mean over each patch of values (R, 3) of its elements."""
+        """Return (Q, 3), the area-weighted mean over each patch's side of its elements' values (R, 3)."""
         return np.stack(
             [np.bincount(self.patch, values[:, c] * self.share, minlength=len(self.sides)) for c in range(3)],
             axis=1,
         )
 
     def on_sides(self, irradiance: Float64) -> Float64:
-        """Return irradiance (2, R, 3) of elements' sides in a solution's layout, [part, side, element, channel].
+        """Return irradiance (2, R, 3) in the layout of a solution, [direct or indirect, side, element, channel].
 
-        It is 0 if a side neither reflects nor emits. Negative values, which overshooting may leave, are clamped to
-        0.
+        Sides that neither reflect, transmit nor emit get 0. Negative values, which overshooting may leave, are
+        clamped to 0.
         """
         found = np.zeros((2, 2, len(self.mesh.elements), 3))
         found[:, self.elements.back, self.elements.element] = np.maximum(irradiance, 0.0)
@@ -144,8 +144,8 @@ class Transport:
     def column(self, side: int, next_ones: Callable[[], list[int]] = list) -> Float32:
         """Return (R,) float32, form factors from all elements to a side of a patch.
 
-        next_ones : function that returns sides needed soon; if this column is not cached, other cores compute
-                    theirs
+        next_ones : function that returns the sides needed next; if this column is not cached, the other cores
+                    compute the columns of those sides meanwhile
         """
         found = self._columns.get(side)
         return found if found is not None else self._find(side, next_ones)
@@ -185,15 +185,18 @@ class Transport:
         return found
 
     def refine(self, which: NDArray[np.bool_], irradiance: Float64, shot: Float64) -> Float64:
-        """Split elements in four; return irradiance (2, R', 3) of all elements from the radiosity shot by patches.
+        """Split elements in four; return the irradiance (2, R', 3) of all sides of elements after the split.
+
+        Unsplit elements keep their irradiance. New ones gather the radiosity that patches have shot before.
 
         which      : (E,) bool, True for elements to split
-        irradiance : (2, R, 3) before the split, direct and indirect, as `shot` (2, Q, 3)
+        irradiance : (2, R, 3) direct and indirect irradiance before the split
+        shot       : (2, Q, 3) radiosity shot by each patch's side, which becomes direct and indirect irradiance
         """
         before = self.elements
         kept = ~which[before.element]
         self.mesh = self.mesh.refine(which)
-        # Fronts come before backs, and in both the unsplit elements before the new ones.
+        # `Sides` lists fronts before backs. In each, unsplit elements come before new ones.
         staying = int(np.count_nonzero(~which))
         at_all = self._receive()
         fresh = self.elements.element >= staying
@@ -217,7 +220,15 @@ class Transport:
         now: Float64,
         old: dict[int, Float32],
     ) -> None:
-        """Gather light of new elements `numbers` from patches that shot; fill `now` and extend cached columns."""
+        """Gather light at the new elements from patches that have shot; add it to `now`, and extend cached columns.
+
+        numbers : indices of the new elements' sides
+        kept    : (R,) True for old sides that are not split
+        fresh   : (R',) True for new sides
+        shot    : (2, Q, 3) radiosity shot by each patch's side
+        now     : (2, R', 3) irradiance
+        old     : columns cached before the split
+        """
         f = self.form_factors
         batches = np.unique(f.batch_of[np.flatnonzero(shot.any(axis=(0, 2)))]).tolist()
         cores = core_count()

@@ -1,11 +1,11 @@
-"""Transmission of glass: thin dielectrics do not bend light, solids refract it; neither transmits reflected light.
+"""Transmission of glass: thin dielectrics do not bend light, solids refract it; both lose what they reflect.
 
-The solvers treat all surfaces as diffuse. Light that passes through glass continues behind it. The fraction depends
-on the angle of incidence as in `shaders/bsdf/bsdf.glsl`: by Schlick's formula, or by Fresnel's equations for
-solids, slabs and all layerings except glTF's.
+The solvers treat all surfaces as diffuse, except that light passes through glass and continues behind it. The
+fraction depends on the angle of incidence as in `shaders/bsdf/bsdf.glsl`. It follows Fresnel's equations for
+solids, slabs and all layerings except glTF's, and Schlick's formula otherwise.
 
-Poor at:  rough transmission, which is treated as clear; coloured slabs, all channels of which have the curve of the
-          clearest channel.
+Poor at:  rough transmission, which is treated as clear; coloured slabs, because all channels depend on the angle
+          as the clearest channel does.
 """
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ from glpath.system.kernels import inner_kernel
 class Glass(NamedTuple):
     """Optical properties of the glass triangles of a scene.
 
-    clear : (T, 3) transmitted fraction without reflection, for one pass through a slab; 0 for other materials
-    layer : (T, 5) reflectance at normal and at grazing incidence, fraction of the surface that reflects so, weight
-            of the clearcoat, and mean reflectance for uniform light
-    fresnel : (T, 2) index for Fresnel's equations, 0 for Schlick's formula, and factor of the reflectance
+    clear : (T, 3) transmittance of one crossing for light that the surface does not reflect; 0 for opaque materials
+    layer : (T, 5) reflectance at normal and at grazing incidence, fraction of the surface under this dielectric
+            layer, weight of the clearcoat, and cosine-weighted mean reflectance
+    fresnel : (T, 2) refractive index for Fresnel's equations, or 0 for Schlick's formula; and a factor that
+              multiplies the reflectance
     ior   : (T,) refractive index of solids; 0 for thin materials
     slab  : (T,) refractive index of slabs; 0 for others
     thin  : (T,) bool, True for thin smooth materials, which shadow rays pass through
@@ -81,9 +82,9 @@ def _fresnel(material: Material) -> tuple[float, float]:
 
 @inner_kernel
 def at_glass(glass, triangle, cosine, inside):  # type: ignore[no-untyped-def]
-    """Return the fraction of light that the glass mirrors, and the factor by which `clear` is multiplied.
+    """Return the fraction of light that the glass mirrors, and the factor of `clear` that gives the transmittance.
 
-    cosine : cosine of the angle between light and normal
+    cosine : cosine of the angle between light and normal, positive
     inside : True if the light comes from inside a solid
     """
     index = glass.slab[triangle]

@@ -1,7 +1,7 @@
 """Interpolate irradiance within elements so that each element keeps its mean and no light leaks around edges.
 
-Values at vertices are means of the adjacent elements, so interpolation alone moves light from bright elements to
-dark ones. The values at an element's corners are therefore shifted until their mean is the element's own.
+A vertex has the mean value of its adjacent elements, so interpolation alone moves light from bright elements to
+dark ones. The values at an element's corners are therefore shifted so that their mean equals the element's value.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from glpath.scene.model import Float64
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-#: Minimum difference between neighbouring elements, relative to the brighter one, that counts as abrupt.
+#: Difference between neighbouring elements, as a fraction of the brighter one, above which it counts as abrupt.
 _ABRUPT = 0.9
 
 
 def interpolate(vertices_of: Int64, leaf: Int64, vertices: Float64, elements: Float64) -> Float64:
     """Return values (2, E, 3, C) at each element's corners, for linear interpolation within the element.
 
-    The values of the vertices are shifted so that their mean is the element's own.
+    The vertex values are shifted so that their mean over the solver's element equals the element's value.
 
     vertices_of : (E, 3) indices from `vertices_of_elements`
     leaf        : (E,) index of the solver's element that each element is part of
@@ -63,7 +63,7 @@ def abrupt(vertices_of: Int64, leaf: Int64, light: Float64) -> Bools:
 
 
 def vertices_of_elements(divisions: Int64) -> Int64:
-    """Return (E, 3): numbers of the vertices of all elements of the lattices.
+    """Return (E, 3), vertex indices of all elements of the lattices.
 
     divisions : (T,) parts of each triangle's edges
     """
@@ -73,9 +73,9 @@ def vertices_of_elements(divisions: Int64) -> Int64:
 
 
 def leaves(divisions: Int64, leaf_size: NDArray[np.uint16]) -> Int64:
-    """Return (E,): number of the solver's element that each element of the lattices is part of.
+    """Return (E,), index of the solver's element that contains each element of the lattices.
 
-    Numbers follow the order of the lattices, so undivided elements have their own numbers.
+    Solver elements are numbered in lattice order. If each consists of one lattice element, the indices are equal.
 
     leaf_size : (E,) edge of the solver's element, in elements of the lattice; a power of two
     """

@@ -38,7 +38,7 @@ def starts(counts: ArrayLike) -> Int64:
 
 
 def of_all(divisions: Int64, table: Callable[[int], NDArray[Any]]) -> NDArray[Any]:
-    """Return `table(n)` (k, ...) of each triangle, concatenated.
+    """Return the arrays `table(n)` (k, ...) of all triangles, concatenated, where n is a triangle's division.
 
     divisions : (T,) parts of each triangle's edges
     """
@@ -83,7 +83,7 @@ def locate(n: ArrayLike, b1: ArrayLike, b2: ArrayLike) -> tuple[Int64, Int64, In
 @lru_cache(maxsize=64)
 def vertex_barycentrics(n: int) -> Float64:
     """Return (V, 2), b1 and b2 of the vertices in order, as a read-only array."""
-    length = n + 1 - np.arange(n + 1)  # of each row
+    length = n + 1 - np.arange(n + 1)  # number of vertices in each row
     j = np.repeat(np.arange(n + 1), length)
     i = np.arange(len(j)) - np.repeat(np.cumsum(length) - length, length)
     corners = np.stack([i, j], axis=1) / n
@@ -94,7 +94,7 @@ def vertex_barycentrics(n: int) -> Float64:
 @lru_cache(maxsize=64)
 def element_vertices(n: int) -> Int64:
     """Return (n * n, 3), vertices of each element, counter-clockwise like the triangle, as a read-only array."""
-    length = 2 * (n - np.arange(n)) - 1  # of each row
+    length = 2 * (n - np.arange(n)) - 1  # number of elements in each row
     j = np.repeat(np.arange(n), length)
     in_row = np.arange(n * n) - np.repeat(np.cumsum(length) - length, length)
     i, upper = in_row // 2, in_row % 2

@@ -97,7 +97,7 @@ class Elements:
 @lru_cache(maxsize=64)
 def _cells(n: int) -> Int64:
     """Return (n * n, 3): i, j and upper of a lattice's elements, in order."""
-    length = 2 * (n - np.arange(n)) - 1  # of each row
+    length = 2 * (n - np.arange(n)) - 1  # number of elements in each row
     j = np.repeat(np.arange(n), length)
     in_row = np.arange(n * n) - np.repeat(np.cumsum(length) - length, length)
     return np.stack([in_row // 2, j, in_row % 2], axis=1)
@@ -129,7 +129,7 @@ class Mesh:
         return cls(scene, surface, patches, elements, np.repeat(np.arange(len(patches)), 4**splits))
 
     def refine(self, which: NDArray[np.bool_]) -> Mesh:
-        """Return a mesh with the selected elements split in four; unsplit elements come before the new ones."""
+        """Return a mesh with the elements `which` (E,) split in four; unsplit elements come before the new ones."""
         split = self.elements[which].split()
         patch = np.concatenate([self.patch[~which], np.repeat(self.patch[which], 4)])
         return Mesh(self.scene, self.surface, self.patches, self.elements[~which] + split, patch)
@@ -145,8 +145,8 @@ def divisions_of_size(scene: Scene, surface: Int64, size: float | Float64) -> In
 
     size : one length for all triangles, or (T,)
 
-    If the numbers differ within a surface, powers of two are used, so that vertices on shared edges coincide. A
-    vertex between two of the neighbour's is then in the middle of them, or halfway to the middle, and so on.
+    If the numbers differ within a surface, they are powers of two, so that vertices on shared edges coincide. The
+    finer of two neighbouring triangles then divides each edge of a coarse element into halves, quarters, and so on.
     """
     return _divisions(_longest(scene), surface, size)
 
@@ -163,10 +163,10 @@ def _divisions(longest: Float64, surface: Int64, size: float | Float64) -> Int64
 
 
 def size_for_count(scene: Scene, surface: Int64, count: int, *, by_size: bool = False) -> float:
-    """Return the element size that gives the most patches up to `count`, but at least one patch a triangle.
+    """Return the element size that gives the most patches up to `count`; each triangle has at least one patch.
 
-    by_size : True if triangles smaller than a patch count as the fraction of one that they are. A small object of
-              many triangles then leaves large walls as many patches as an object of few triangles would
+    by_size : True to count a triangle smaller than a patch as a fraction of a patch. An object of many small
+              triangles then leaves as many patches to large walls as an object of few triangles
     """
     longest = _longest(scene)
     largest, even = float(longest.max()), float(np.sqrt((longest**2).sum() / max(count, 1)))
@@ -206,17 +206,20 @@ def surfaces(scene: Scene) -> Int64:
 
 
 def weld(scene: Scene, points: Float64, group: Int64) -> Int64:
-    """Return (N,) int64 numbers of points (N, 3), equal for points of one group at one position."""
+    """Return (N,) int64 vertex indices; points (N, 3) at the same position and of the same group (N,) share one."""
     lower, upper = scene.bounds
     step = _WELD * max(float(np.max(upper - lower)), np.finfo(float).tiny)
-    x, y, z = np.round((points - lower) / step).astype(np.int64).T  # 0 to 2^21
-    # Two sorts by one integer are faster than one by several.
+    x, y, z = np.round((points - lower) / step).astype(np.int64).T  # 0 to 2^21, so that 63 bits hold all three
+    # Sorting twice by one integer key is faster than sorting once by several keys.
     position = np.unique((x << 21 | y) << 21 | z, return_inverse=True)[1]
     return np.asarray(np.unique(position << 32 | group, return_inverse=True)[1])
 
 
 def occluder_of_triangle(parallelogram: NDArray[np.bool_]) -> Int32:
-    """Return (T,) int32 indices of the triangles in `Occluders.of_scene`, which may merge two successive ones."""
+    """Return (T,) int32, index of each triangle's occluder in `Occluders.of_scene`.
+
+    parallelogram : bool for each occluder, True if it merges two successive triangles
+    """
     return np.repeat(np.arange(len(parallelogram), dtype=np.int32), np.where(parallelogram, 2, 1))
 
 

@@ -1,8 +1,7 @@
 """Quadtrees over the lattices of a scene's triangles: elements are small where the light changes, large elsewhere.
 
-Particles are counted on a fine lattice. Four elements stay separate if their irradiance differs by more than their
-noise; otherwise they are merged into their parent. The noise of an element therefore does not grow as the lattice
-gets finer.
+Particles are counted on a fine lattice. Four elements stay separate if their irradiance differs by more than its
+noise; otherwise they are merged into their parent. A finer lattice therefore does not make the result noisier.
 
 Poor at:  changes in dark regions, which few particles show.
 Source:   Heckbert 1990, Adaptive radiosity textures for bidirectional ray tracing.
@@ -22,10 +21,10 @@ from glpath.scene.model import Float64
 
 Bools = NDArray[np.bool_]
 
-#: Number of standard errors by which one of four parts must differ from their mean to split the element.
+#: An element is split only if one of its four parts differs from their mean by more than this many standard errors.
 _SIGNIFICANT = 4.0
-#: Fraction of the scene's mean irradiance that is added to the local irradiance before differences are compared
-#: with it.
+#: Fraction of the scene's mean irradiance that is added to the local irradiance, to which differences are compared.
+#: Dark regions are therefore split less.
 _DARK = 0.1
 
 
@@ -42,7 +41,7 @@ class Quadtree:
 
     @property
     def height(self) -> int:
-        """Greatest depth of a triangle."""
+        """Maximum of `depth` over all triangles."""
         return int(self.depth.max(initial=0))
 
     def divisions(self, level: int) -> Int64:
@@ -61,7 +60,7 @@ class Quadtree:
 
     @cached_property
     def parents(self) -> list[Int64]:
-        """List for the levels from 1 on: (E,) index of each element's parent, one level up."""
+        """List for the levels from 1 on: (E,) index of each element's parent in the next coarser level."""
         found = []
         for level in range(1, self.height + 1):
             fine, divisions = self.levels[level], self.divisions(level - 1)
@@ -84,7 +83,10 @@ class Quadtree:
         return found
 
     def of_coarse(self, values: Float64) -> Float64:
-        """Return the values (S, E) of level 0 at the elements of the finest level."""
+        """Return (S, E'), for each element of the finest level the value of the level 0 element that contains it.
+
+        values : (S, E) values of S sides at level 0
+        """
         number = np.arange(values.shape[1])
         for parent in self.parents:
             number = number[parent]
@@ -97,7 +99,8 @@ class Detail:
 
     tree       : quadtree of the lattices
     split      : for each level, (E,) bool, True if the element has to be divided
-    misplaced  : (T,) fraction of the arriving energy that each triangle's finest elements put into the wrong part
+    misplaced  : (T,) variation of light on each triangle's finest elements, as a fraction of the scene's energy. It
+                 sums how much energy the elements' four parts deviate from their mean, where that is significant
     """
 
     tree: Quadtree
@@ -109,7 +112,7 @@ class Detail:
         """Find the elements whose four parts differ.
 
         flux      : (S, E, 3) energy that arrived at the sides of the finest elements
-        square    : (S, E) sums of the squared energy of each arrival, mean of the channels
+        square    : (S, E) sums over arrivals of the squared energy, where energy is the mean of the channels
         areas     : (T,) areas of the triangles
         threshold : fraction of the local irradiance by which a part has to differ from the mean of the four
         """
@@ -125,7 +128,7 @@ class Detail:
             fine = tree.levels[level + 1]
             parts = arrived[level + 1][..., 0] / (areas[fine.triangle] / fine.n**2)
             difference = np.abs(parts - density[:, parent])
-            # Noise of one of the four parts, if each receives a quarter of the arrivals.
+            # Standard error of the density of one of the four parts, if each receives a quarter of the arrivals.
             noise = 2.0 * np.sqrt(squares[level][..., 0]) / area
             enough = np.maximum(threshold * (density + _DARK * mean), _SIGNIFICANT * noise)
             differs = (difference > enough[:, parent]).any(axis=0)

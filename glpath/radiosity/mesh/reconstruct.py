@@ -1,8 +1,9 @@
-"""Build a radiosity solution from one irradiance per element: lattices of the smallest element, and vertices.
+"""Resample one irradiance per element to the lattices of each triangle's smallest elements, and to vertices.
 
-Each vertex takes the mean of the elements around it on its surface, then a correction for the remaining error at
-their centres, so that gradients reach the border of a surface. A vertex in the middle of a longer edge (a T-vertex)
-gets the mean of the edge's ends, so that nothing tears. Values are linear within an element.
+Each vertex gets the mean of the elements around it on its surface. It is then corrected by the remaining error at
+these elements' centres, so that gradients reach the border of a surface. A vertex in the middle of a longer edge (a
+T-vertex) gets the mean of the edge's ends, so that brightness is continuous there. Values are linear within an
+element.
 """
 
 from __future__ import annotations
@@ -16,14 +17,17 @@ from glpath.radiosity.mesh import lattice
 from glpath.radiosity.mesh.mesh import Elements, Int64, Mesh, weld
 from glpath.scene.model import Float64
 
-#: Number of corrections of the vertex values towards the elements' means.
+#: Number of iterations that correct the vertex values, so that their means approach the elements' values.
 _CORRECTIONS = 2
-#: Maximum number of vertices in a chain in which each is in the middle of an edge that ends at the next.
+#: Maximum length of a chain of T-vertices, in which each is in the middle of an edge that ends at the next one.
 _LONGEST_CHAIN = 64
 
 
 def at_corners(mesh: Mesh, values: Float64) -> Float64:
-    """Return values (S, E, 3, 3) at the elements' corners, [side, element, corner], from (S, E, 3) of S sides."""
+    """Return values (S, E, 3, 3) at the elements' corners, [side, element, corner, channel].
+
+    values : (S, E, 3) values of the elements, [side, element, channel]
+    """
     nodes = _Nodes(mesh)
     return np.stack([nodes.values(side)[nodes.of] for side in values])
 
@@ -44,7 +48,7 @@ class Resampled(NamedTuple):
 
 
 def resample(mesh: Mesh, values: Float64, buried: NDArray[np.bool_] | None = None) -> Resampled:
-    """Resample the values (..., 2, E, 3) of the sides of a mesh's elements on lattices.
+    """Resample values (..., 2, E, 3) of the sides of a mesh's elements to one regular lattice per triangle.
 
     buried : (2, E) True for sides that no light can reach, because a solid covers them. They get the mean of their
              neighbours, so that they do not darken their neighbours
@@ -87,7 +91,12 @@ def resample(mesh: Mesh, values: Float64, buried: NDArray[np.bool_] | None = Non
 
 
 def _weights(corners: Int64, n: Int64, leaf: Elements) -> Float64:
-    """Return barycentric coordinates (E, 3, 3) of the corners (E, 3, 2) of lattice n within `leaf`."""
+    """Return barycentric coordinates (E, 3, 3) of lattice elements' corners within the mesh's elements.
+
+    corners : (E, 3, 2) lattice coordinates of each lattice element's corners
+    n       : (E,) divisions of that lattice
+    leaf    : the mesh's element that contains each lattice element
+    """
     ratio = (n // leaf.n)[:, None, None]
     origin = leaf.corners()[:, :1] * ratio
     # From its first corner, a lower element extends along the positive axes, an upper one along the negative axes.
@@ -97,7 +106,7 @@ def _weights(corners: Int64, n: Int64, leaf: Elements) -> Float64:
 
 
 class _Nodes:
-    """Distinct corners of elements, on each surface.
+    """Nodes of a mesh: all elements' corners at one position of one surface are the same node.
 
     of      : (E, 3), index of the node at each corner of an element
     size    : number of nodes
@@ -117,7 +126,7 @@ class _Nodes:
         self.of = node[:count].reshape(-1, 3)
         found = np.column_stack([node[count:], node[ends]])
         exists = (found >= 0).all(axis=1)
-        # Edges are sorted longest first. Of edges that share a midpoint, which are equivalent, one is kept.
+        # Edges are sorted longest first. Edges that share a midpoint are equivalent, so one of them is kept.
         start, stop = np.moveaxis(points[ends[exists]], 1, 0)
         order = np.argsort(-np.linalg.norm(stop - start, axis=1), kind="stable")
         found = found[exists][order]
@@ -130,7 +139,7 @@ class _Nodes:
     def filled(self, elements: Float64, known: NDArray[np.bool_]) -> tuple[Float64, Float64]:
         """Return values (E, 3) of the elements of one side, and values (N, 3) at the nodes.
 
-        known : (E,) False for elements without a value of their own: they get the mean of their nodes
+        known : (E,) False for elements without a value of their own, which get the mean of their nodes
         """
         if not elements.any():
             return elements, np.zeros((self.size, 3))  # for example the backs of a closed room
@@ -144,14 +153,14 @@ class _Nodes:
         return np.where(known[:, None], elements, found[self.of].mean(axis=1)), found
 
     def _spread(self, values: Float64) -> Float64:
-        """Return (N, 3) sums over the elements around each node."""
+        """Return (N, 3), the sum at each node of the values (E, 3) of the elements around it."""
         of = self.of.ravel()
         return np.stack(
             [np.bincount(of, np.repeat(values[:, c], 3), minlength=self.size) for c in range(3)], axis=1
         )
 
     def _hang(self, values: Float64) -> None:
-        """Set each hanging node to the mean of its edge's ends, longest edges first, as ends may hang as well."""
+        """Set each hanging node to the mean of its edge's ends; repeat until stable, as ends may hang as well."""
         for _ in range(_LONGEST_CHAIN):
             wanted = values[self.hanging[:, 1:]].mean(axis=1)
             if np.array_equal(values[self.hanging[:, 0]], wanted):
@@ -162,10 +171,11 @@ class _Nodes:
 def _edges_with_middles(corners_of: Float64, surface: Int64) -> tuple[Float64, Int64, Int64]:
     """Return points (P, 3), their surfaces (P,), and the ends (m, 2) of edges that may have a vertex in the middle.
 
-    The points are the corners of all elements, then the middles of these edges. Ends are indices of points. Half
-    edges are included if their surface has edges that short.
+    The points are the corners of all elements, then the midpoints of these edges. Ends are indices of points. Edges
+    are halved repeatedly, down to the shortest edge of their surface, and their halves are included.
 
-    corners_of : (E, 3, 3)
+    corners_of : (E, 3, 3) positions of the elements' corners
+    surface    : (E,) index of each element's surface
     """
     corner = np.arange(3 * len(corners_of)).reshape(-1, 3)
     ends = np.stack([corner, np.roll(corner, -1, axis=1)], axis=2).reshape(-1, 2)

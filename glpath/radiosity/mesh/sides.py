@@ -21,9 +21,10 @@ from glpath.scene.sight import winding_number
 from glpath.system.kernels import kernel
 from glpath.system.machine import in_threads
 
-#: Number of parts of an edge of a partly buried element, for choosing its points and measuring its open area.
+#: Number of parts per edge of a partly buried element, whose _FINE^2 parts are tested to measure its unburied area.
 _FINE = 8
-#: Distance of ray origins from the surface, as a fraction of the coordinates; coordinates in files have 24 bits.
+#: Distance of ray origins from the surface, as a fraction of the largest coordinate. It exceeds the rounding of
+#: coordinates in files, which have 24 bits.
 _OFF = 1e-6
 #: Number of points that a thread tests at a time.
 _TOGETHER = 1 << 12
@@ -36,7 +37,7 @@ class Sides:
     element     : index of the element
     back        : 0 for the front, 1 for the back
     normal      : (R, 3) unit normal that points away from this side
-    reflectance : (R, 3)
+    reflectance : (R, 3), fraction of the light on this side that it reflects diffusely
     emission    : (R, 3), radiosity pi Le, W m^-2
     transmittance : (R, 3), fraction of the light on this side that leaves diffusely from the other side
     """
@@ -88,7 +89,7 @@ class Sides:
         return cls(*(np.concatenate(pair) for pair in zip(*parts, strict=True)))
 
     def number(self, count: int) -> Int64:
-        """Return (count, 2), the index in this object of each element's front and back; -1 for none."""
+        """Return (count, 2), the index in these arrays of each element's front and back; -1 for a black side."""
         found = np.full((count, 2), -1, np.int64)
         found[self.element, self.back] = np.arange(len(self))
         return found
@@ -103,7 +104,10 @@ def sub_triangles(k: int) -> Float64:
 
 
 def random_in_parts(k: int, count: int, seed: int) -> Float64:
-    """Return (count, k * k, 3), barycentric coordinates of a uniform random point in each of the equal parts."""
+    """Return (count, k * k, 3), barycentric coordinates of random points, one in each equal part of a triangle.
+
+    Points are uniform, and different for each of `count` triangles.
+    """
     middles = sub_triangles(k)
     within = np.random.default_rng(seed).random((count, k * k, 2))
     within = np.where(within.sum(axis=2, keepdims=True) > 1, 1 - within, within)
@@ -141,7 +145,7 @@ class Solids:
         """Return points (R, count, 3) on the unburied part of each side, and (R,) its fraction of the side's area.
 
         count : 1, 4, 9, ...
-        seed  : seed of random points in equal parts of an element. None takes the middles of the parts, which never
+        seed  : seed of random points in equal parts of an element; None for the centres of the parts. Centres never
                 come close to the element's edge, so that points of a blind behind a window see too much of the
                 window
         """
@@ -209,7 +213,7 @@ def in_the_open(
     """Return (P,) bool, False for points of surfaces that are buried in a solid, such as a floor under a box.
 
     solid           : (T,) True for triangles of closed surfaces
-    points, normals : (P, 3), on surfaces and away from them
+    points, normals : (P, 3), points on surfaces, and unit normals that point away from the surfaces
 
     A point is buried if a ray along its normal and rays to three sides all hit the inside of a closed surface. At
     joins of walls and floors two faces lie in one plane, and which of them a ray hits first is arbitrary. Rays
@@ -232,10 +236,10 @@ def in_the_open(
 
 @kernel
 def _in_the_open(rays, solid, face, points, normals, off, work, free):  # type: ignore[no-untyped-def]
-    """Fill free (P,), which is all False.
+    """Set `free` (P,), which is all False before, to True for points that are not buried.
 
-    off  : (P,) maximum distance between faces in one plane
-    work : (3, 3)
+    off  : (P,) maximum distance between faces that count as lying in one plane
+    work : (3, 3) working memory
     """
     o, d, found = work[0], work[1], work[2]
     for p in range(len(points)):

@@ -1,7 +1,7 @@
 """Cast segments between an emitter's samples and receiver points against candidate lists.
 
-These are kernels. Either all rays of a group are tested against one candidate after the other, so that the
-processor tests several at once. Or one ray after the other is tested until it is blocked, as in the paper.
+`_cast_together` tests all rays of a group against one candidate at a time, which suits vector units.
+`_cast_one_by_one` tests one ray at a time until it is blocked, as in the paper on shafts [SC].
 """
 
 from __future__ import annotations
@@ -28,9 +28,11 @@ from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 @inner_kernel
 def _box_hit(boxes, i, ax, ay, az, ix, iy, iz):  # type: ignore[no-untyped-def]
-    """Return True if a segment hits boxes[i] between its `ENDS`; ix, iy, iz are the finite inverse of b - a.
+    """Return True if a segment hits boxes[i], except in the fraction `ENDS` of its length at either end.
 
-    Of two nested boxes it never hits the inner and misses the outer one, because every step preserves order.
+    A segment that hits a box also hits every enclosing box, because every step preserves order despite rounding.
+
+    ix, iy, iz : finite inverse of b - a
     """
     t0, t1 = (boxes[i, 0] - ax) * ix, (boxes[i, 3] - ax) * ix
     near, far = max(ENDS, min(t0, t1)), min(1 - ENDS, max(t0, t1))
@@ -51,7 +53,7 @@ def _inverse(d):  # type: ignore[no-untyped-def]
 def _occluder(segment, found, tree, polygons, object_boxes, lists):  # type: ignore[no-untyped-def]
     """Return the first polygon of a list that a segment crosses, its index, and counts of box and object tests.
 
-    Polygon and index are -1 if the segment crosses none.
+    Polygon and its index in the list are -1 if the segment crosses none.
     """
     ax, ay, az, bx, by, bz, own_a, own_b = segment
     ix = iy = iz = 0.0
@@ -100,7 +102,8 @@ def _occluder(segment, found, tree, polygons, object_boxes, lists):  # type: ign
 def _cast_one_by_one(step, group, found, built, work):  # type: ignore[no-untyped-def]
     """Cast the rays of a group as in the paper: test the last occluder, then the shaft's list up to the first hit.
 
-    found, built : candidates of the shaft, if it is built; otherwise those of its parent, from which it is built
+    found : candidates to test if `built` is True; otherwise those of the enclosing group. The shaft of this group
+            is then built from them when the first ray needs it
     """
     tree, polygons, source, lit, groups, settings, visible = step
     lists, latest, counts = work.lists, work.latest, work.counts
@@ -151,7 +154,7 @@ def _to_front(at, begin, lists):  # type: ignore[no-untyped-def]
 
 
 class _Clump(NamedTuple):
-    """Receiver points of a bundle: first point, number, and the polygon that contains all of them, see `Groups`."""
+    """Points of a group: index of the first, number of points, and the polygon that contains all, see `Groups`."""
 
     begin: int
     size: int
@@ -217,9 +220,9 @@ def _cast_together(step, group, found, built, work):  # type: ignore[no-untyped-
 
 @kernel_part
 def _start(source, lit, common, group, clump, bundle):  # type: ignore[no-untyped-def]
-    """Set `clear` to 1 for rays whose ends face each other, which are to be cast; return their number.
+    """Set `clear` to 1 for rays to be cast, whose ends face each other; return their number.
 
-    common : (M, 3), common normal of each group's points
+    common : (M, 3), common normal of each group's points; 0 if their normals differ
     """
     clear, before, begin, count = bundle.clear, bundle.before, clump.begin, clump.size
     samples = len(source.points)
@@ -297,7 +300,10 @@ def _block(x, polygons, source, lit, clump, bundle, left):  # type: ignore[no-un
 
 @inner_kernel
 def _cross_all(at_a, at_b, parallelogram, solid, samples, count, clear):  # type: ignore[no-untyped-def]
-    """Test all segments at once as `hits` does; at_a, at_b (3, n) are the polygon's three forms at both ends."""
+    """Clear the rays that cross a polygon, tested as by `hits` but all at once.
+
+    at_a, at_b : (3, n), values of the polygon's three linear forms at the samples and at the receiver points
+    """
     for s in range(samples):
         ha, ua, va = at_a[0, s], at_a[1, s], at_a[2, s]
         if ha > 0:
@@ -310,7 +316,7 @@ def _cross_all(at_a, at_b, parallelogram, solid, samples, count, clear):  # type
 
 @kernel_part
 def _turned_away(source, groups, group):  # type: ignore[no-untyped-def]
-    """Return the emitter's maximum height in front of a group's points; 0 if they have no common normal."""
+    """Return the emitter's maximum height above a group's points along their common normal; 0 if they have none."""
     max_height = 0.0
     for k in range(3):
         n = groups.normal[group, k]
@@ -321,14 +327,17 @@ def _turned_away(source, groups, group):  # type: ignore[no-untyped-def]
 
 @kernel
 def cast_groups(step, first, last, roots, root_flags, work):  # type: ignore[no-untyped-def]
-    """Cast the rays of groups `first` to `last`, starting at the emitter list; `last` is not a child of a group."""
+    """Cast the rays of groups `first` to `last` - 1, whose descendants all lie in the same range.
+
+    roots, root_flags : nodes and flags of the emitter list, from which candidate lists are made
+    """
     source, lit, groups, settings = step.source, step.lit, step.groups, step.settings
     lists, around = work.lists, work.around
     for i in range(len(roots)):
         lists.nodes[i], lists.flags[i] = roots[i], root_flags[i]
     top, boxed = objects_of(step, False, -1, 0, len(roots), work)
     found = CandidateRange(0, top, boxed, -1)
-    # End and list of each group around the current one. The outermost list is the emitter list.
+    # Stack of the groups around the current one: end and candidate list of each. The outermost is the emitter list.
     ends, level = work.ends, 0
     ends[0] = last
     _keep_list(around, level, found)

@@ -1,7 +1,7 @@
 """BVH of Goldsmith and Salmon: items are inserted one by one, each at the node with the lowest cost.
 
-The paper's statistics use this BVH [SC, Statistics], whose inner nodes may have any number of children. It serves
-for comparison. The trees of `glpath.accel.bvh.build_bvh` cost less by these authors' own measure.
+The statistics in the paper on shafts [SC] use this BVH, whose inner nodes may have any number of children. It
+serves for comparison. The trees of `glpath.accel.bvh.build_bvh` cost less by Goldsmith and Salmon's own measure.
 
 Cost:     0.2 s for a hundred thousand items scattered in a cube.
 
@@ -27,8 +27,7 @@ def cluster(lower: ArrayLike, upper: ArrayLike, seed: int = 1) -> Bvh:
     Parameters
     ----------
     lower, upper : (N, 3) corners of the items' boxes, finite; boxes may be flat, points, or equal to each other
-    seed         : seed of the order of insertion, which is random because neighbours in the list would make long
-                   chains
+    seed         : seed of the random order of insertion; inserting neighbours in succession would make long chains
 
     Raises UsageError if boxes are not finite or have lower > upper.
     """
@@ -138,7 +137,7 @@ def _replace(root, old, new, links):  # type: ignore[no-untyped-def]
 def _flatten(links, root, tree, pending):  # type: ignore[no-untyped-def]
     """Convert the links to depth-first arrays; return the number of nodes.
 
-    pending : (2 M + 1,), working memory for links still to visit, and ~node at the end of a node's subtree
+    pending : working memory, a stack of links still to visit; the entry ~node marks the end of a node's subtree
     """
     linked, child, sibling = links.boxes, links.child, links.sibling
     nodes, skip, first, count, order = tree

@@ -31,9 +31,11 @@ class Emitter:
 
     @classmethod
     def on(cls, occluders: Occluders, polygon: int, side: int = 4, whole: bool = False) -> Emitter:
-        """Return samples on a polygon's front: side x side in the middles of cells; half of them on a triangle.
+        """Return samples on a polygon's front, in the centres of side x side cells.
 
-        whole : True to build shafts for the whole polygon, as in the paper, not only for the box of the samples
+        A triangle gets those of its parallelogram's samples that lie in it, about half of them.
+
+        whole : True to build shafts for the box of the whole polygon, as in the paper; False for the samples' box
         """
         middles = (np.arange(side) + 0.5) / side
         points = _on_polygons(occluders, np.array([polygon]), middles, middles)[0]
@@ -78,7 +80,10 @@ class Receivers:
 
 
 def _on_polygons(occluders: Occluders, which: NDArray[np.int64], u: Float64, v: Float64) -> Float64:
-    """Return (n, points, 3), the points u, v of n polygons of one kind, triangles or parallelograms."""
+    """Return (n, points, 3), the points at all pairs of u and v on n polygons.
+
+    Polygons are either all triangles or all parallelograms. On triangles, only pairs with u + v <= 1 count.
+    """
     uv = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
     if not occluders.parallelogram[which[0]]:
         uv = uv[uv.sum(axis=1) <= 1 + 1e-12]
@@ -88,7 +93,7 @@ def _on_polygons(occluders: Occluders, which: NDArray[np.int64], u: Float64, v: 
 
 
 class Source(NamedTuple):
-    """Record of the emitter for the kernels, see `source_of`."""
+    """Emitter in the form that the kernels take, made by `source_of`."""
 
     points: Float64
     box: Float64
@@ -98,7 +103,14 @@ class Source(NamedTuple):
 
 
 class Lit(NamedTuple):
-    """Receivers' points in the order of the groups: x, y, z, normals, heights normal . point, and own polygons."""
+    """Receiver points in the order of the groups, as the kernels take them.
+
+    x, y, z   : (P,) coordinates
+    normals   : (P, 3) unit normals; empty if not `one_sided`
+    heights   : (P,) normal . point, the offset of the point's plane; empty if not `one_sided`
+    one_sided : True if points are lit from their front only
+    own       : (P,) index of the polygon that contains each point; -1 for none
+    """
 
     x: Float64
     y: Float64
@@ -133,7 +145,7 @@ def lit_of(receivers: Receivers, order: NDArray[np.int64]) -> Lit:
 
 
 def _plane(emitter: Emitter) -> Float64:
-    """Return the emitter's plane (4,) through its rearmost point; zeros if it emits to all sides."""
+    """Return the emitter's plane (nx, ny, nz, d) through its rearmost sample; zeros if it emits to all sides."""
     if emitter.normal is None:
         return np.zeros(4)
     normal = _unit(np.asarray(emitter.normal, np.float64))

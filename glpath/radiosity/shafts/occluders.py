@@ -1,7 +1,7 @@
 """Occluders: flat polygons that may block a segment, and the test of a segment against a polygon.
 
 Every search for an occluder ends in `height` and `crosses`, so all searches agree bit for bit. This requires boxes
-of the BVH that are widened by more than any rounding of a hit. Coordinates in slivers have larger rounding errors.
+of the BVH that are widened by more than any rounding error of a hit. In slivers, edge coordinates are less exact.
 A sliver's hit counts only if the computed point lies in the sliver's box, which is widened less than the BVH's.
 """
 
@@ -20,18 +20,19 @@ from glpath.scene.appearance import Appearance
 from glpath.scene.model import Scene
 from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
-#: Fraction of a segment at each end where nothing blocks it, because the surfaces at its ends have neighbours.
+#: Fraction of a segment at each end in which hits are ignored, because neighbours of the surfaces there would block
+#: it.
 ENDS = 1e-5
-#: Widening of a box, as a fraction of the largest coordinate.
+#: Length by which a box is widened on every side, as a fraction of the occluders' largest coordinate.
 _WIDER = 1e-9
 #: Rounding error of a distance from a plane, as a fraction of the largest coordinate.
 _ROUNDING = 1e-12
-#: Maximum coordinate of a point, relative to the occluders' largest, for which these values still cover the
-#: rounding.
+#: Maximum coordinate of a point, as a multiple of the occluders' largest, for which the two values above cover
+#: rounding errors. Points beyond it are rejected.
 _FARTHEST = 1e3
 
 PARALLELOGRAM, SOLID, SLIVER = 1, 2, 4
-#: Sine of the angle between a polygon's edges below which it is a sliver, as rounding is too large.
+#: Sine of the angle between a polygon's edges, below which it is a sliver, whose hits need a further test.
 _THIN = 1e-3
 #: Mean opacity below which a polygon does not occlude.
 _CLEAR = 0.5
@@ -44,7 +45,7 @@ class Polygons(NamedTuple):
              towards its front, and coordinates along its two edges, 0 to 1 inside
     bounds : (N, 6) float64, box that must contain a sliver's hit
     flags  : (N,) uint8, bits PARALLELOGRAM (otherwise a triangle), SOLID and SLIVER
-    length : (N,) float64, L1 norms of the normals, the factor from rounding of coordinates to that of heights
+    length : (N,) float64, L1 norms of the normals: factors from rounding errors of coordinates to those of heights
     """
 
     forms: Float64
@@ -76,8 +77,8 @@ class Occluders:
                     front
     shape         : (N,) int32, index of the scene's shape
     clear         : (N,) bool, True for polygons that do not occlude; None if all occlude
-    culled        : (N,) bool, True for polygons with a culled back, which occlude only emitters behind them from
-                    receivers in front; None if there are none
+    culled        : (N,) bool, True for polygons with a culled back, which block only light from an emitter behind
+                    them to a receiver in front of them; None if no back is culled
     """
 
     corners: Float64
@@ -89,10 +90,10 @@ class Occluders:
 
     @classmethod
     def of_scene(cls, scene: Scene, *, culling: bool = False) -> Occluders:
-        """Return the polygons of a scene without spheres and planes; two triangles may form one parallelogram.
+        """Return a scene's triangles as occluders, in which two successive triangles may form one parallelogram.
 
-        Visibility is binary: a polygon of a surface with opacity or of glass occludes if it is at least half
-        opaque.
+        Spheres and planes of the scene are left out. Visibility is binary: a polygon that is partly transparent or
+        of glass occludes if it is at least half opaque.
 
         culling : True if culled backs do not occlude for receivers behind them; False if they occlude
         """
@@ -130,7 +131,7 @@ class Occluders:
 
     @cached_property
     def size(self) -> float:
-        """Largest coordinate, which rounding errors are relative to."""
+        """Largest absolute coordinate of the occluders, to which rounding errors are proportional."""
         return float(np.abs(self._outlines()).max(initial=np.finfo(float).tiny))
 
     @property
@@ -156,7 +157,7 @@ class Occluders:
         return outlines.min(axis=1) - wide, outlines.max(axis=1) + wide
 
     def polygons(self, solids: bool) -> Polygons:
-        """Return the records of the kernels. If `solids`, a solid's polygon blocks only rays from its front."""
+        """Return polygons for the kernels. If `solids`, those of solids block segments from their front only."""
         corner = self.corners[:, 0]
         e1, e2 = self.corners[:, 1] - corner, self.corners[:, 2] - corner
         normal, front_only = self._normals(), self.solid & solids
@@ -255,7 +256,7 @@ def _parallelograms(triangles, shape, corners, first, two):  # type: ignore[no-u
 def _apex(triangles, t):  # type: ignore[no-untyped-def]
     """Return the corner of triangle t opposite to the next triangle; -1 if the two do not form a parallelogram.
 
-    They do if they share an edge, in opposite directions, whose middle is that of the other two corners.
+    They form one if they share an edge, in opposite directions, whose midpoint is also that of the other corners.
     """
     a, b = triangles[t], triangles[t + 1]
     for i in range(3):
@@ -278,22 +279,23 @@ def _apex(triangles, t):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def height(f0, f1, f2, f3, x, y, z):  # type: ignore[no-untyped-def]
-    """Return a linear form of a point. All tests use this function, so that they round equally."""
+    """Return the value of a linear form at a point. All tests use this function, so that they round equally."""
     return f0 * x + f1 * y + f2 * z + f3
 
 
 @inner_kernel
 def crosses(ha, ua, va, hb, ub, vb, parallelogram):  # type: ignore[no-untyped-def]
-    """Return True if a segment crosses a polygon, from the three forms at its ends with ha > 0, without branches.
+    """Return True if a segment crosses a polygon, given the polygon's three forms at the segment's ends.
 
-    The hit divides the segment as ha to -hb. All terms are multiplied by ha - hb, which saves the division. Code
-    without branches is vectorized.
+    h is the height, positive at end a; u and v are the coordinates along the polygon's edges. The hit divides the
+    segment in the ratio ha to -hb. All terms are multiplied by ha - hb, which saves the division. There are no
+    branches, so that the code is vectorized.
     """
     d = ha - hb
     u = ha * ub - hb * ua
     v = ha * vb - hb * va
     within = (ha > ENDS * d) & (ha < (1 - ENDS) * d) & (u >= 0) & (v >= 0)
-    # In a triangle u + v is at most 1; in a parallelogram u and v each are.
+    # Inside a triangle, u + v is at most 1. Inside a parallelogram, u and v are each at most 1. Here 1 becomes d.
     return within & ((u <= d) & (v <= d) if parallelogram else u + v <= d)
 
 
@@ -330,10 +332,10 @@ def hits(x, segment, polygons):  # type: ignore[no-untyped-def]
 
 @kernel_part
 def never_hit(x, a, b, polygons, size):  # type: ignore[no-untyped-def]
-    """Return True if polygon x cannot block between boxes a and b, because neither crosses its plane.
+    """Return True if polygon x cannot block a segment from box a to box b, as both lie on one side of its plane.
 
-    A box may also lie in the plane, because a hit would be in the `ENDS` of the segment. Also True for a solid's
-    polygon with box a behind it [SC, Enhancements]. `size` is the largest coordinate.
+    One box may also touch the plane, because the hit would be within `ENDS` of the segment's end. Also True for a
+    solid's polygon with box a behind it [SC, Enhancements]. `size` is the occluders' largest coordinate.
     """
     forms = polygons.forms
     min_a = max_a = min_b = max_b = forms[x, 3]

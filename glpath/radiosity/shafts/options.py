@@ -41,18 +41,18 @@ class ShaftOptions:
                         many rays a shaft. "keep closed" gives the cheapest shafts, for few rays. "overlap open" and
                         "ratio open", the paper's choice, lie between. "no shaft" casts rays through the BVH, for
                         scenes in which nearly every shaft has candidates, such as a heap of scattered triangles
-    ratio             : for "ratio open", fraction of children not outside, 0 to 1, above which a box stays closed;
-                        larger values close fewer boxes
+    ratio             : for "ratio open", a box stays closed if more than this fraction of its children, 0 to 1, is
+                        not outside the shaft; larger values close fewer boxes
     open_enclosing    : True to open boxes that enclose a reference box, because every ray would hit them; useful if
                         objects lie within the boxes of others
-    emitter_list      : True to start at nodes that do not contain the emitter, found once per step; useful with
-                        many receivers
+    emitter_list      : True to start the search at nodes that do not contain the emitter, found once per step;
+                        useful with many receivers
     behind_emitter    : True to remove nodes behind a one-sided emitter, once per step; useful for lamps on walls
     solids            : True to remove polygons of closed surfaces that face away from the emitter, about half of
                         them. Valid only if no emitter sample lies inside another solid, because back faces do not
                         block then
     coplanar          : True to remove polygons whose plane has emitter and receiver on one side; useful in rooms
-    mailbox           : True to mark, below a box that stays closed, the children that are outside ("ratio open");
+    mailbox           : True if rays skip those children of a closed box that are outside the shaft ("ratio open");
                         useful if a shaft has many rays
     tolerance         : True to begin and end shafts where segments can be blocked, not at the surfaces, which
                         excludes neighbours of the receiver; useful on finely divided surfaces
@@ -153,7 +153,7 @@ def _value_of(name: str, word: str) -> Any:
         raise UsageError(f"shaft option {name}={word}: must be a {'whole ' * (kind == 'int')}number.") from error
 
 
-#: Options of the paper: one shaft per receiver, one ray after the other, without its future work.
+#: Options of the paper [SC]: one shaft per receiver, one ray after the other, without the paper's future work.
 PAPER = ShaftOptions(
     strategy="ratio open",
     together=False,

@@ -2,7 +2,7 @@
 
 A shaft should be narrow enough to be empty and wide enough to be worth its cost. The paper makes one shaft per
 receiver, and leaves clumps, nested shafts and shafts for several receivers to the future [SC, Future Work]. Here
-all of them are ranges of one order of the points.
+each of these shafts serves a range of points, and all ranges refer to one common order of the points.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from glpath.accel.bvh import Float64, Int32, build_bvh
 from glpath.radiosity.shafts.sorting import merge_sort
 from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
-#: Maximum number of points of a nested shaft, as a fraction of the outer shaft's points.
+#: Maximum number of points of a nested shaft, as a fraction of the enclosing shaft's points. Larger ranges get no
+#: shaft of their own.
 _PART = 0.25
 
 
@@ -34,7 +35,7 @@ class Groups(NamedTuple):
     begin, end : (M,) int64
     polygon    : (M,) int64, occluder that contains all points; -1 for none, SEVERAL if they lie on different ones
     normal     : (M, 3) float64, common unit normal of all points; 0 if their normals differ
-    levels     : maximum number of groups around a point
+    levels     : maximum number of nested groups that contain a point
     """
 
     order: NDArray[np.int64]
@@ -47,7 +48,7 @@ class Groups(NamedTuple):
     levels: int
 
     def parts(self, number: int) -> list[slice]:
-        """Split the nodes into at most `number` ranges with similar numbers of points, without splitting a tree."""
+        """Split the nodes into at most `number` ranges with similar numbers of points; each tree stays in one."""
         roots = []
         node = 0
         while node < len(self.skip):
@@ -69,10 +70,13 @@ def group_points(
     group: int,
     nested: bool,
 ) -> Groups:
-    """Group points into clumps of at most `clump` points (0: receivers), in groups of at most `group` (0: none).
+    """Divide points into clumps, whose points share a shaft, and collect neighbouring receivers in groups.
 
-    Groups and receivers have their own shafts only if `nested`. With groups, receivers that are small enough
-    together share a clump.
+    With groups, several receivers share a clump if they are small enough.
+
+    clump  : maximum number of points of a clump; 0 to divide no receiver
+    group  : maximum number of points of a group of receivers; 0 for no groups
+    nested : True if groups and receivers also have shafts of their own, around those of their clumps
     """
     count = len(points)
     start = np.flatnonzero(np.diff(receiver, prepend=receiver[0] - 1))
@@ -156,7 +160,7 @@ class _Workspace(NamedTuple):
 def _groups(points, polygon, forest, division, groups, work):  # type: ignore[no-untyped-def]
     """Fill the arrays of `groups` except the normals, and permute its order; see `group_points`.
 
-    Returns the number of groups, and the maximum number of groups around a point.
+    Returns the number of groups, and the maximum number of nested groups that contain a point.
     """
     order, boxes, skips, begins, ends, polygons, _, _ = groups
     clump, group, nested = division
@@ -243,7 +247,7 @@ def _around(points, order, begin, end, boxes, at):  # type: ignore[no-untyped-de
 
 @kernel_part
 def _halve(points, order, begin, end, work):  # type: ignore[no-untyped-def]
-    """Split a range along the longest side of its box into halves of the points; return where."""
+    """Sort a range of points along the longest side of its box; return the index where its second half begins."""
     box, keys, by = work.box, work.keys, work.by
     _around(points, order, begin, end, box, 0)
     axis = 0

@@ -55,7 +55,7 @@ def nearest(rays, o, d, own, found):  # type: ignore[no-untyped-def]
     """Return the first triangle along a ray except `own`, or -1. Fills `found`: distance and b1, b2 of the hit."""
     boxes, corners = rays.boxes, rays.corners
     ox, oy, oz, dx, dy, dz = o[0], o[1], o[2], d[0], d[1], d[2]
-    # Infinities give correct results, except for 0 * infinity, which min and max ignore.
+    # Infinite values give correct results. Only 0 * infinity is NaN, which min and max ignore.
     ix, iy, iz = 1 / dx, 1 / dy, 1 / dz
     far, hit = np.inf, -1
     node = 0

@@ -1,7 +1,7 @@
 """Candidate occluders between an emitter and a group of receiver points: the emitter list, and lists of shafts.
 
-These are kernels. A list is a range in `Work`. A nested shaft's list starts from the list of the enclosing group
-[SC, Future Work].
+A list is a range of `Work.lists`. The list of a nested shaft is made from that of the enclosing group [SC, Future
+Work].
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class Bundle(NamedTuple):
 
     clear      : (S, K) 1 for rays that are not blocked so far
     before     : (K,) 1 for points in front of the emitter
-    at_a, at_b : (3, S) and (3, K), linear forms of a polygon at both ends of the rays
+    at_a, at_b : (3, S) and (3, K), linear forms of a polygon at the S samples and at the K points
     """
 
     clear: NDArray[np.uint8]
@@ -124,7 +124,7 @@ class Work(NamedTuple):
 
     @classmethod
     def of(cls, step: Step, together: int, mailbox: bool) -> Work:
-        """Allocate for at most `together` points at once."""
+        """Allocate the working memory for groups of at most `together` points, whose rays are tested together."""
         nodes, levels, samples = len(step.tree.skip), step.groups.levels, len(step.source.points)
         room = (levels + 2) * nodes + 1
         longest = nodes if step.settings.order == LARGEST_FIRST else 0
@@ -148,7 +148,7 @@ NUMBER, OCCLUDER = 0, 1
 
 
 class CandidateRange(NamedTuple):
-    """Candidates in `Work`: their range, True if boxes are tested, and the shaft's number, -1 for none."""
+    """Candidates in `Work`: their range, True if rays are tested against boxes, and the shaft's number or -1."""
 
     begin: int
     end: int
@@ -181,16 +181,17 @@ def highest(boxes, i, plane):  # type: ignore[no-untyped-def]
 def find_emitter_list(search, source, wanted, behind, touching, lists):  # type: ignore[no-untyped-def]
     """Fill the nodes and flags of `lists` as `Visibility.emitter_list` describes, and return their number.
 
-    touching : flag of nodes that overlap the emitter's box
+    touching : flag to store for nodes whose box overlaps the emitter's without enclosing it
     """
     tree, parent, leaf_of = search
-    leaf = np.int64(leaf_of[source.polygon]) if source.polygon >= 0 else -1  # of the emitter, which is left out
+    # Leaf of the emitter's own polygon, which is left out.
+    leaf = np.int64(leaf_of[source.polygon]) if source.polygon >= 0 else -1
     box, plane, pending = source.box, source.plane, lists.stack[:, 0]
     n = 0
     if not len(tree.skip):
         return n
-    # Walk up from the emitter, and test the siblings of its nodes. An emitter that is not an object, or whose box
-    # is larger than its polygon's, starts at the root.
+    # Walk up from the emitter, and test the siblings of each node on the path. If the emitter is not an occluder,
+    # or its box is larger than its polygon's, test nodes from the root down instead.
     below = leaf
     node = parent[leaf] if leaf >= 0 and wanted and encloses(tree.boxes, leaf, box) else -1
     if node < 0:
@@ -233,7 +234,7 @@ def find_emitter_list(search, source, wanted, behind, touching, lists):  # type:
 def objects_of(step, coplanar, own_b, begin, end, work):  # type: ignore[no-untyped-def]
     """Record which candidates are single polygons; remove those that cannot block between the shaft's boxes.
 
-    coplanar : True to remove polygons by their planes too
+    coplanar : True to also remove polygons that have both of the shaft's boxes on one side of their plane
     own_b    : index of the polygon that contains the receiver points
 
     Returns the new end, and True if boxes must be tested.
@@ -289,12 +290,16 @@ def _permute(values, begin, by, spare, n):  # type: ignore[no-untyped-def]
 
 @kernel  # separate from its callers, so that it is compiled in parallel with them
 def shaft_list(step, group, parent, leaf, work):  # type: ignore[no-untyped-def]
-    """Form the shaft between the emitter and a group; return the range of its candidates, after the parent's."""
+    """Form the shaft between the emitter and a group; return its candidates, stored after those of `parent`.
+
+    parent : candidates of the enclosing group, from which those of this shaft are selected
+    leaf   : True if rays are cast through this shaft; False if only nested shafts start from it
+    """
     tree, source, groups, settings = step.tree, step.source, step.groups, step.settings
     lists, shaft, latest, counts = work.lists, work.shaft, work.latest, work.counts
     share = ENDS if settings.tolerance else 0.0
     for k in range(6):
-        # Points at this fraction of all segments from one box to the other.
+        # The shaft's boxes contain the points at this fraction of every segment, from either end.
         emitter, receiver = source.box[k], groups.boxes[group, k]
         shaft.a[k] = emitter + share * (receiver - emitter)
         shaft.b[k] = receiver + share * (emitter - receiver)

@@ -3,8 +3,8 @@
 The shaft is the convex hull of the two boxes. Its faces are those of the extent box around both, and at most eight
 planes. Each plane goes through a pair of parallel edges and cuts off an edge of the extent box.
 
-The test never classifies a separate box as overlapping, which the paper assumes. Two convex bodies
-are separate exactly if a facet normal of their Minkowski difference separates them. For all directions in an
+The test never classifies a box outside the shaft as overlapping. The paper assumes this; here is why. Two convex
+bodies are separate exactly if a facet normal of their Minkowski difference separates them. For all directions in an
 octant, a box's support is one corner, and the hull's support is the farther of two corners. Within an octant, only
 the plane of directions in which these two are equally far can bend the difference's support. Facet normals are
 intersections of such bends: the axes, and directions of that plane with one coordinate 0. The former are the faces
@@ -190,8 +190,8 @@ class CandidateLists(NamedTuple):
     nodes   : (L,) int32, nodes of the tree
     flags   : (L,) int8, flag of each node, see `classify_box`
     objects : (L,) int32, polygon of a leaf or -1; empty if only nodes are requested
-    mark    : (M,) int64, number of the shaft for children outside it whose parent is a candidate [SC, Enhancements:
-              mailbox]. Empty if children are not marked
+    mark    : (M,) int64, number of the latest shaft that found this node outside while its parent became a
+              candidate [SC, Enhancements: mailbox]. Empty if nodes are not marked
     stack   : (M + 1, 3) int32, nodes still to be tested: node, flag and containment
     """
 
@@ -297,19 +297,20 @@ def form_shaft(shaft, slack, min_cut):  # type: ignore[no-untyped-def]
             i, j = f % 3, g % 3
             if i == j or not _beyond(b, a, g):
                 continue
-            # Cut off the edge at which both coordinates are extreme, from the edge of a to the parallel edge of b.
+            # The plane cuts off the extent box's edge between the faces f and g. It goes through the parallel edges
+            # of a and b between their faces f and g.
             across, along = abs(a[f] - b[f]), abs(b[g] - a[g])
             ni = along if f >= 3 else -along
             nj = across if g >= 3 else -across
             distance = -(ni * a[f] + nj * a[g]) - slack * (along + across)
             cut = 0.0
             if min_cut >= 0:
-                # Fraction of a prism: half a rectangle relative to the extent box's cross-section.
+                # The plane cuts off a prism. Its base is half a rectangle, relative to the box's cross-section.
                 cut = 0.5 * (across / (extent[i + 3] - extent[i])) * (along / (extent[j + 3] - extent[j]))
                 if cut < min_cut:
                     continue
             at = n
-            while at > 0 and cut > planes[at - 1, 3]:  # stable; without `min_cut` all are equal
+            while at > 0 and cut > planes[at - 1, 3]:  # stable insertion sort; all cuts are 0 without `min_cut`
                 for k in range(4):
                     planes[at, k] = planes[at - 1, k]
                 for k in range(2):
@@ -324,7 +325,7 @@ def form_shaft(shaft, slack, min_cut):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def overlaps(boxes, i, other):  # type: ignore[no-untyped-def]
-    """Return True if boxes[i] overlaps a box. An index is passed, because a view of a row costs as much."""
+    """Return True if boxes[i] overlaps a box. An index is passed, because a view of the row costs as much time."""
     return (
         boxes[i, 0] <= other[3] and other[0] <= boxes[i, 3]
         and boxes[i, 1] <= other[4] and other[1] <= boxes[i, 4]
@@ -427,12 +428,12 @@ def _distance_squared(point, box):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def gather(tree, shaft, opening, lists, begin, end, number, max_candidates):  # type: ignore[no-untyped-def]
-    """Append the candidates below those from `begin` to `end`; see `candidate_list`.
+    """Append the candidates found at or below the list entries `begin` to `end`; see `candidate_list`.
 
     number         : number of the shaft, for marks
-    max_candidates : maximum number of candidates; with more it gives up
+    max_candidates : maximum number of candidates; the search stops if there are more
 
-    Returns the new end, or -1 if it gave up, and the number of tested boxes.
+    Returns the new end, or -1 if the search stopped, and the number of tested boxes.
     """
     strategy, ratio, open_enclosing = opening
     whole = strategy in (_OVERLAP_OPEN, _RATIO_OPEN)

@@ -108,7 +108,8 @@ class Visibility:
         """
         o = self.options
         behind = o.behind_emitter and emitter.normal is not None
-        # A shaft that begins in front of the emitter's surface can miss boxes that overlap the emitter's box.
+        # With `tolerance`, a shaft begins in front of the emitter's surface, so a box that overlaps the emitter's
+        # box may still be outside the shaft. Its flag is therefore -1, unknown.
         size = len(self.tree)
         lists = CandidateLists.empty(size, size)
         touching = -1 if o.tolerance else 1

@@ -1,13 +1,13 @@
 """Compile the largest kernels in other processes, while this process compiles the others.
 
-Numba compiles under Python's lock, one kernel after the other. On a new machine the ray caster,
-`casting.cast_groups`, takes half of the first solution's time. Before several kernels are compiled, other processes
-start with it, and with the largest kernel that it calls. All store compiled code in one cache, and each finds there
-what it needs, or waits for it (`kernel_cache`). Nothing depends on these processes: if they cannot run, this one
-compiles all kernels.
+Numba compiles under Python's lock, one kernel after the other. On a new machine, compiling the ray caster
+`casting.cast_groups` takes half of the first solution's time. Before this process compiles several kernels, it
+starts other processes, which compile the ray caster and the largest kernel that it calls. All processes store
+compiled code in one cache, and each finds there what it needs, or waits for it (`kernel_cache`). If the others
+cannot run, this process compiles all kernels.
 
-They solve two facing squares, with plain Python instead of all other kernels. A kernel thus gets arguments of the
-same types as elsewhere, and no list of types has to be maintained.
+Each process solves a scene of two facing squares, and runs all other kernels as plain Python. A kernel thus gets
+arguments of the same types as elsewhere, and no list of types has to be maintained.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ smallest.solve_smallest()
 
 
 def compile_ahead(needed: Sequence[Any]) -> None:
-    """Start to compile the largest of the needed kernels, if that is worth a process."""
+    """Start processes that compile the largest of the needed kernels, if enough others must be compiled too."""
     largest = [k for k in needed if k.__name__ in LARGEST]
     others = [k for k in needed if k.__name__ not in LARGEST]
     if not waiting(largest) or len(waiting(others)) < _WORTH_A_PROCESS:

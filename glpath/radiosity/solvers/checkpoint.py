@@ -5,7 +5,7 @@
 
 Progressive refinement stores irradiance and the shot and unshot radiosity. Form factors are computed again, and
 split elements are split again. Monte Carlo stores its sums. The matrix has no intermediate state; it is for small
-scenes. While a solver runs, no other process has the file (`locks`).
+scenes. While a solver runs, it locks the file against other processes (`locks`).
 
 Cost:     48 bytes per element and 72 per patch for each write.
 """
@@ -32,7 +32,7 @@ _FORMAT = 2
 
 
 class Solver(Protocol):
-    """Solver whose state can be stored."""
+    """Solver whose state can be stored; `whole` is False while a step changes the state."""
 
     whole: bool
 
@@ -45,9 +45,9 @@ class Solver(Protocol):
 
 @dataclass
 class SolverCheckpoint(CheckpointFile):
-    """File of a solver's state and its interval; a `with` block, which `solve_radiosity` enters.
+    """Checkpoint file of a solver, and the interval of its writes; `solve_radiosity` enters it as a `with` block.
 
-    Its steps are shots of a patch, or batches of particles.
+    The steps that it counts are shots of a patch, or batches of particles.
     """
 
     holder = "a solver that resumes from it"
@@ -58,7 +58,7 @@ class SolverCheckpoint(CheckpointFile):
     elapsed_s: float = 0.0
 
     def begin(self, solver: Solver, scene_hash: str, method: str, settings: Mapping[str, object]) -> bool:
-        """Resume from the file; return False if there is none.
+        """Restore the solver from the file; return False if there is no file.
 
         Raises UsageError, with all differences, for a file of another scene, setting or version; ImageError for a
         file that is not a checkpoint.
@@ -98,7 +98,7 @@ class SolverCheckpoint(CheckpointFile):
             self.write(solver, step, elapsed_s)
 
     def write(self, solver: Solver, step: int, elapsed_s: float) -> None:
-        """Write the state now, unless it is being changed."""
+        """Write the state now, unless a step is changing it."""
         if not solver.whole:
             return  # a signal came during a step; the previous file is still valid
 

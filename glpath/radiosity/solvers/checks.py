@@ -19,9 +19,9 @@ from glpath.scene.source_location import SourceLocation
 
 Method = Literal["progressive", "matrix", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
-#: Bytes per element, measured and rounded up.
+#: Memory of a solver per element in bytes, measured and rounded up.
 _BYTES_PER_ELEMENT = 1800
-#: Bytes per point of a receiver, measured and rounded up.
+#: Further memory per receiver point in bytes, measured and rounded up.
 _BYTES_PER_POINT = 400
 _SAMPLES = (1, 4, 9, 16, 25)
 # Options that are whole numbers, with minimum and maximum.

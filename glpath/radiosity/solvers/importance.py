@@ -1,4 +1,6 @@
-"""Importance of a scene's light for a camera, from particles that leave its eye; the solver's particles use it.
+"""Importance of a scene's light for a camera, estimated by particles that leave the camera.
+
+The solver starts more particles where importance is high.
 
 Importance is the adjoint of radiance (Pattanaik & Mudur 1993, Adjoint equations and random walks for illumination
 computation).
@@ -18,7 +20,7 @@ from glpath.scene import Scene
 from glpath.scene.model import Camera, Float64
 from glpath.system.time_limit import check_time
 
-#: Number of cells in which reflected light starts if a camera decides how many particles start in each.
+#: Target number of cells in which particles of reflected light start, if importance distributes them over cells.
 CELLS = 4096
 #: Number of batches of camera paths that estimate importance.
 _VISIT_BATCHES = 12
@@ -27,21 +29,22 @@ _VIEW_BATCHES = 1
 
 
 def start_cells(scene: Scene, surface: Int64) -> Elements:
-    """Return the cells in which reflected light starts: parts of the scene's triangles of similar size."""
+    """Return the cells in which particles of reflected light start: parts of triangles, all of similar size."""
     size = size_for_count(scene, surface, CELLS, by_size=True)
     return Elements.of_lattices(divisions_of_size(scene, surface, size))
 
 
 def divisions_for_camera(scene: Scene, surface: Int64, size: float, count: int, seed: int) -> Int64:
-    """Return (T,) parts of each triangle's edges: those of `size`, and more for surfaces of high importance.
+    """Return (T,) parts of each triangle's edges, so that surfaces of high importance have smaller elements.
 
-    Each smooth surface gets a number of the `count` elements in proportion to its importance for the camera.
+    Each smooth surface gets a fraction of `count` elements in proportion to its importance for the camera, but no
+    element is larger than `size`.
     """
     cells = start_cells(scene, surface)
     visits = visits_from_camera(scene, rays_of(scene), cells, seed).sum(axis=0)
     of = np.bincount(surface[cells.triangle], visits, minlength=surface.max(initial=-1) + 1)
     area = np.bincount(surface, scene.areas, minlength=len(of))
-    # Length of the longest edge of half a square of that area.
+    # Longest edge of an element: the hypotenuse of half a square that has the surface's area per element.
     longest = 2.0 * np.sqrt(area / np.maximum(count * of / max(float(of.sum()), 1e-300), 1e-300))
     return divisions_of_size(scene, surface, np.minimum(longest, size)[surface])
 
@@ -51,18 +54,18 @@ def visits_from_camera(
 ) -> Float64:
     """Return (2, C), importance of the sides of cells: about the fraction of their light that a camera sees.
 
-    Paths leave the camera, half in its view and half in all directions, as it may turn, and continue as particles
-    do. Arrivals count after the first surface, which the camera sees directly.
+    Half of the paths leave the camera in its view, half in all directions, as the camera may turn. They continue as
+    particles do. Arrivals count after a reflection only, because the camera sees the first surface directly.
 
-    came : (2, C, BINS), if given, gets the same sums by bins of the directions back along these paths
+    came : (2, C, BINS), if given, the same sums are added by bin of the direction from the cell back along the path
     """
     return np.asarray(_from_camera(scene, rays, cells, seed, _VISIT_BATCHES, 0.5, ENDLESS, came).mean(axis=2))
 
 
 def gathered_by_camera(scene: Scene, rays: Rays, elements: Elements, seed: int) -> Float64:
-    """Return (2, E, 3), sr^-1, mean radiance of a camera's image per irradiance of the elements' sides.
+    """Return (2, E, 3), sr^-1, mean radiance that each element's side adds to a camera's image, per irradiance.
 
-    These are sides that the eye sees by one reflection, which a gather looks up.
+    Only sides count that the camera sees by one reflection, because a gather looks up these.
     """
     found = _from_camera(scene, rays, elements, seed, _VIEW_BATCHES, 1.0, 1, None) / (_VIEW_BATCHES * BATCH)
     return np.asarray(found * scene.side_reflectance[:, elements.triangle] / np.pi)
@@ -97,8 +100,10 @@ def _from_camera(
 
 
 def _camera_rays(camera: Camera, u: Float64, in_view: float) -> tuple[Float64, Float64]:
-    """Return origins and unit directions (N, 3) for u (N, 2): a fraction in the camera's view, others all
-    around."""
+    """Return origins and unit directions (N, 3) of paths from the camera, for u (N, 2) in [0, 1).
+
+    in_view : fraction of the paths in the camera's view; the others leave in all directions
+    """
     direction = uniform_sphere(u)
     origin = np.repeat(np.asarray(camera.position, np.float64)[None], len(u), axis=0)
     if camera.projection != "panorama":

@@ -1,9 +1,9 @@
 """Monte Carlo radiosity: particles leave the lights, and deposit energy at their hits (stochastic shooting).
 
-This solver made the images of the path-buffer paper [PB 4]. A particle starts on an emitter, chosen by power, and
-continues from every surface in a cosine-weighted direction. It survives with the probability of the reflectance
-(Pattanaik & Mudur 1992). There are no form factors and no matrix. The only error is noise, which falls with the
-square root of the number of particles.
+This method made the images of the path-buffer paper [PB 4]. A particle starts on an emitter, chosen by power, and
+continues from every surface in a cosine-weighted direction. Its probability of survival at a surface equals the
+reflectance (Pattanaik & Mudur 1992). There are no form factors and no matrix. The only error is noise, which is
+inversely proportional to the square root of the number of particles.
 
 S. Pattanaik, S. Mudur, "Computation of global illumination by Monte Carlo simulation of the particle model of
 light", 1992.
@@ -51,11 +51,11 @@ from glpath.system.time_limit import check_time
 _START_RAYS = 4
 #: Number of rays to the sky from each of the four points of a cell that camera paths visit.
 _CELL_RAYS = 16
-#: Number of rays to the sky from each of the four points of other cells.
+#: Number of rays to the sky from each of the four points of a cell that no camera path visits.
 _FAR_RAYS = 4
 #: Number of the most important sides of cells, which get more rays, because a window may be small.
 _CLOSER = 2048
-#: Number of rays to the sky from each point of these sides.
+#: Number of rays to the sky from each of the four points of the most important sides.
 _CLOSE_RAYS = 100
 #: Number of quadtree levels in the first pass; each level halves the edges.
 _FIRST_DEPTH = 2
@@ -65,17 +65,17 @@ _DEEPER = 2
 _FIRST_ELEMENTS = 1 << 14
 #: Maximum number of elements in all lattices in the last pass.
 _MAX_ELEMENTS = 1 << 18
-#: Fraction of all energy that may be misplaced within the finest elements of all triangles, relative to the square
-#: of the threshold.
+#: Sum of `Detail.misplaced` over all triangles, divided by the square of the threshold, from which on lattices are
+#: refined.
 _MISPLACED = 0.32
-#: Fraction of all energy that may be misplaced within the finest elements of one triangle, relative to the square
-#: of the threshold.
+#: Value of `Detail.misplaced` of a triangle, divided by the square of the threshold, above which its lattice is
+#: refined.
 _MISPLACED_IN_ONE = 0.016
 #: Fraction of camera visits that is spread evenly over each surface.
 _SPREAD = 0.25
-#: Light that is assumed for cells whose rays found none, as a fraction of the mean light.
+#: Fraction of the mean irradiance that is added to each cell's estimate, because its few rays may miss light.
 _UNHIT = 0.2
-# Name of the work before the first particle, for a time limit.
+# Name of the work before the first particle, for the error message of a time limit.
 _STARTING = "finding where particles start"
 
 
@@ -83,8 +83,9 @@ class _Lit(NamedTuple):
     """Sides of elements from which particles start with reflected light of punctual lights and the sky.
 
     corners  : (L, 9), corner 0 and the edges to corners 1 and 2
-    triangle : (L,) index of the scene's triangle; `back` is its side
-    chance   : (L,) probability that a particle starts there
+    triangle : (L,) index of the scene's triangle
+    back     : (L,) 1 if the side is the triangle's back, otherwise 0
+    chance   : (L,) probability that a particle starts on this side
     scale    : (L, 3) energy of a particle per irradiance at its start: reflectance times area over chance
     through  : (L, 3) the same by transmittance, for a particle that leaves from the other side
     across   : (L,) probability that it leaves from the other side
@@ -110,7 +111,7 @@ class _Lit(NamedTuple):
 class Shooting:
     """Run of particles: sums of the energy that they deposit on elements, batch by batch.
 
-    mesh      : coarse elements; each patch is one
+    mesh      : coarse elements; each patch is one element
     seed      : random seed; another seed gives an independent solution
     for_camera: True if reflected light of punctual lights and the sky starts by its importance for the camera
     adaptive  : maximum number of times that an element is split in four
@@ -125,9 +126,9 @@ class Shooting:
                  buried
     buried     : (2, E) bool, True if no part of an element's side is outside solids
     lit        : (2, E, 3) irradiance of the mesh's elements by lights that are not patches, without particles
-    view       : (2,) sums over batches of the mean radiance that a gather adds to the camera's image, times
-                 `BATCH`, and of its square; only for a camera
-    whole      : False while sums change, which a signal may interrupt
+    view       : (2,) sums over batches of x and of x^2; 0 without a camera. x is `BATCH` times the mean radiance
+                 that a gather adds to the camera's image
+    whole      : False while the sums change, so that a signal handler does not store them half changed
     """
 
     mesh: Mesh
@@ -184,7 +185,7 @@ class Shooting:
         return np.minimum(depth, min(self.adaptive, _FIRST_DEPTH))
 
     def _count_on(self, tree: Quadtree) -> None:
-        """Start with other lattices and no particles."""
+        """Start anew, with the lattices of `tree` and no particles."""
         self.whole = False
         self.tree, divisions = tree, tree.finest
         self._surfaces = self._surfaces.on_lattices(divisions)
@@ -198,16 +199,16 @@ class Shooting:
         self.whole = True
 
     def detail(self) -> Detail:
-        """Return the elements within which the light so far changes by more than the threshold.
+        """Return the elements within which the light found so far changes by more than the threshold.
 
-        For a camera only the light that a gather looks up counts, without the direct light that it traces itself.
+        For a camera, direct light counts only where a gather looks it up; elsewhere the gather traces it.
         """
         direct = self.tree.of_coarse(np.stack([self._nearness] * 2))[..., None]
         light = self.flux[INDIRECT] + direct * self.flux[DIRECT]
         return Detail.of(self.tree, light, self.square, self.mesh.scene.areas, self.threshold)
 
     def deepen(self, detail: Detail) -> bool:
-        """Refine lattices if the light changes within their finest elements, and start again.
+        """Refine lattices if the light changes within their finest elements, and start anew without particles.
 
         Returns False if no lattice needs a refinement, or none is allowed.
         """
@@ -255,9 +256,9 @@ class Shooting:
     def _find_lit(self) -> tuple[_Lit, float]:
         """Return the starts of reflected light, and its approximate power.
 
-        An element's irradiance is estimated by few rays. It determines the number of particles that start there,
-        but not their energy, which each particle computes at its start. The mean is therefore unbiased, whatever
-        the element size, even if rays missed a lamp.
+        An element's irradiance is estimated by few rays. The estimate determines the number of particles that start
+        on the element, but not their energy, which is computed at each start. The mean is therefore unbiased,
+        whatever the element size, even if rays missed a lamp.
         """
         scene, elements, lit, areas = self.mesh.scene, self.mesh.elements, self.lit, self.open_areas
         reflectance = scene.side_reflectance[:, elements.triangle]
@@ -304,7 +305,7 @@ class Shooting:
         return starts, total
 
     def _choice(self, cells: Elements) -> LightChoice | None:
-        """Return the choice of punctual lights at the middles of all fronts, then of all backs."""
+        """Return the choice of punctual lights: a row for the centre of each front, then one for each back."""
         scene = self.mesh.scene
         middles, normals = cells.points(scene, np.full((1, 3), 1 / 3))[:, 0], scene.normals[cells.triangle]
         return self._light.choice(
@@ -315,7 +316,7 @@ class Shooting:
         )
 
     def _start_cells(self) -> Elements:
-        """Return the cells of `start_cells`, or smaller ones where the mesh has small elements for the camera."""
+        """Return the cells of `start_cells`, made smaller where the mesh has small elements for the camera."""
         cells = start_cells(self.mesh.scene, self.mesh.surface)
         if len(self.mesh.elements) > CELLS // 2:
             return cells
@@ -325,8 +326,10 @@ class Shooting:
         return Elements.of_lattices(divisions)
 
     def _spread_visits(self, cells: Elements, visits: Float64) -> Float64:
-        """Return visits (2, C) with a fraction spread evenly over each surface, because paths may miss small
-        cells."""
+        """Return `visits` (2, C) with a fraction of them spread evenly over each surface.
+
+        Otherwise small cells that all paths missed would get no particles.
+        """
         surface, areas = self.mesh.surface[cells.triangle], self.mesh.scene.areas[cells.triangle] / cells.n**2
         of = np.stack([np.bincount(surface, side) for side in visits]) / np.bincount(surface, areas)
         return np.asarray((1.0 - _SPREAD) * visits + _SPREAD * of[:, surface] * areas)
@@ -334,9 +337,9 @@ class Shooting:
     def _contribution(
         self, cells: Elements, visits: Float64, choice: LightChoice | None
     ) -> tuple[Float64, Float64]:
-        """Estimate (2, C), the light that each side of a cell sends on, times its importance for the camera.
+        """Estimate (2, C), the light that each side of a cell reflects and transmits, times the light's importance.
 
-        Returns also the part of the irradiance from each bin of the sky, (2, C, BINS).
+        Return also the part of the side's irradiance from each bin of the sky, (2, C, BINS).
         """
         scene = self.mesh.scene
         reflectance = scene.side_reflectance[:, cells.triangle].mean(axis=2)
@@ -365,7 +368,7 @@ class Shooting:
         return np.asarray(worth * (lit + _UNHIT * usual)), from_sky
 
     def _starts(self, number: int) -> Starts:
-        """Return the starts of a batch, stratified over elements by their probabilities."""
+        """Return the starts of reflected light in a batch, stratified over elements by their probabilities."""
         lit, count = self._lit, self._lit_count
         random = np.random.default_rng([self.seed, number])
         at = (np.arange(count) + random.random()) / max(count, 1)
@@ -389,7 +392,7 @@ class Shooting:
             other = random.random(count) < across
             energy /= np.where(other, 1.0, 1.0 - across)[:, None]
             energy[other] = (lit.through[which] * irradiance / np.maximum(across, 1e-300)[:, None])[other]
-            direction[other] = 0.0  # cosine-weighted
+            direction[other] = 0.0  # stands for a cosine-weighted direction
             back = np.where(other, 1 - back, back)
         return Starts(position, energy, triangle, back, direction)
 
@@ -455,8 +458,8 @@ class Shooting:
     def view_error(self) -> tuple[float, float] | None:
         """Return mean radiance that a gather adds to the camera's image, and its standard error, W sr^-1 m^-2.
 
-        Both are means of the channels; the error is estimated from differences of batches. None if there are fewer
-        than two batches, or no camera.
+        Both are means of the channels. The error is estimated from the differences between batches. None if there
+        are fewer than two batches, or no camera.
         """
         batches = self.particles // BATCH
         if self._gathered is None or batches < 2:

@@ -36,7 +36,7 @@ def kernels_of(scene: Scene, lighting: Lighting, method: str, near_lamps: bool) 
         needed.append(lights._free)
     if near_lamps and lighting.sides:
         needed.append(lookup._closest)
-    # The test for closed surfaces takes long in a large scene.
+    # The test for closed surfaces takes long in a large scene, so a kernel that is already compiled is not tested.
     if waiting([sides._in_the_open]) and sides.has_solids(scene):
         needed.append(sides._in_the_open)
     return tuple(needed)

@@ -22,7 +22,7 @@ from glpath.system.kernels import inner_kernel, kernel, kernel_part
 
 #: Number of particles of a batch. Between batches, signals are handled. Each batch has its own random numbers.
 BATCH = 1 << 14
-#: Number of reflections that no particle exceeds.
+#: Value of `max_reflections` for particles whose number of reflections is not limited.
 ENDLESS = 1 << 62
 #: Maximum number of successive surfaces that transmit or mirror a particle.
 _MAX_THROUGH = 64
@@ -254,8 +254,8 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                 u = (u - mirrored - through) / rest
                 chance = survival / (rest * surfaces.opacity[triangle])
             if is_culled and not surfaces.from_eye and back == 0:
-                # It is reflected, and also lights the surfaces behind; one of both is chosen, with the energy of
-                # both.
+                # The particle is reflected, and also passes to light the surfaces behind. One of the two is chosen
+                # at random, and gets the energy of both.
                 state, u = next_random(state)
                 for k in range(3):
                     w[k] *= 1 + chance
@@ -291,7 +291,7 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
 
 @kernel_part
 def _above(cdf, u):  # type: ignore[no-untyped-def]
-    """Return the index of the first of ascending numbers above u; their count if none is above."""
+    """Return the index of the first value of `cdf`, which ascends, above u; the length of `cdf` if none is."""
     low, high = 0, len(cdf)
     while low < high:
         middle = (low + high) // 2
@@ -304,7 +304,7 @@ def _above(cdf, u):  # type: ignore[no-untyped-def]
 
 @kernel_part
 def _bin(normal, d):  # type: ignore[no-untyped-def]
-    """Return the bin of the direction back along the arriving d, by the mapping of `_leave`."""
+    """Return the bin of -d, the direction from which a particle arrives, by the mapping that `_leave` uses."""
     c = d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2]
     sign = -1.0 if c > 0 else 1.0
     x = 2 * abs(c) * -d[0] - sign * normal[0]
@@ -319,7 +319,10 @@ def _bin(normal, d):  # type: ignore[no-untyped-def]
 
 @kernel_part
 def _leave(state, normal, back, d):  # type: ignore[no-untyped-def]
-    """Fill d with a cosine-weighted direction about a side's normal: a point of the unit sphere around its tip."""
+    """Fill d with a cosine-weighted direction about a side's normal.
+
+    It leads to a random point of the unit sphere around the normal's tip.
+    """
     state, u = next_random(state)
     state, v = next_random(state)
     z = 1 - 2 * u

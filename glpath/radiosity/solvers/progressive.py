@@ -34,13 +34,14 @@ _AHEAD = 64
 class Refinement:
     """State of a progressive solution.
 
-    irradiance : (2, R, 3) H of the elements' sides, W m^-2, from light that patches [0] emit, direct, and [1]
-                 reflect, indirect. Light of other sources is direct, and included from the start
+    irradiance : (2, R, 3) irradiance H of the elements' sides, W m^-2: [0] direct, from light that patches emit and
+                 light of other sources, which is included from the start; [1] indirect, from light that patches
+                 reflect
     shot       : (2, Q, 3) radiosity that the patches' sides have shot: [0] emitted, [1] reflected
     unshot     : (Q, 3) radiosity that they have not shot; below 0 after overshooting
     steps      : number of shots
     splits     : list with an (E,) bool for each refinement in order, True for the elements that were split
-    whole      : False while the fields above change, which a signal may interrupt
+    whole      : False while the fields above change, so that a signal handler does not store them half changed
     """
 
     def __init__(self, transport: Transport, overshoot: bool = False) -> None:
@@ -57,14 +58,14 @@ class Refinement:
         self._emitted = float((self.unshot.sum(axis=1) * transport.areas).sum())
 
     def _energy(self) -> Float64:
-        """Return (Q,), the unshot energy."""
+        """Return (Q,), the unshot energy of each patch's side, summed over the channels' absolute values."""
         energy = np.empty(len(self.unshot))
         _energy(self.unshot, self.transport.areas, energy)
         return energy
 
     @property
     def unshot_share(self) -> float:
-        """Unshot energy, as a fraction of the energy that is emitted, or first reflected of other lights."""
+        """Unshot energy as a fraction of the initial energy: emission, and the first reflection of other lights."""
         return float(self._energy().sum()) / self._emitted if self._emitted > 0 else 0.0
 
     def step(self, energy: Float64 | None = None) -> float:
@@ -75,7 +76,8 @@ class Refinement:
         column = t.column(side, lambda: np.argsort(-unshot)[:_AHEAD].tolist())
         sent = self.unshot[side].copy()
         if self.overshoot:
-            # Add what it will reflect if the other unshot energy spreads evenly (Feda & Purgathofer 1992).
+            # Add the light that this patch will reflect if the energy unshot by the others spreads evenly (Feda &
+            # Purgathofer 1992).
             rest = (self.unshot * t.areas[:, None]).sum(axis=0) - sent * t.areas[side]
             sent += np.maximum(t.sides.reflectance[side] * rest / t.areas.sum(), 0.0)
         self.whole = False
@@ -115,7 +117,7 @@ class Refinement:
     def split(self, threshold: float, max_count: int) -> int:
         """Split the elements across which the radiosity changes fast, the fastest first; return their number.
 
-        threshold : minimum difference between two corners, as a fraction of the scene's mean
+        threshold : minimum difference between two corners, as a fraction of the scene's mean radiosity
         max_count      : maximum number of elements to split
         """
         t = self.transport
@@ -154,7 +156,7 @@ class Refinement:
         """Resume from a state of the same scene and settings. Raises ValueError for a state of another mesh."""
         ends = np.cumsum(state["split_sizes"])
         for which in np.split(state["splits"], ends[:-1]) if len(ends) else []:
-            # No patch has shot, so elements are split without gathering.
+            # With 0 as the radiosity shot so far, elements are split without gathering.
             self.transport.refine(which, np.zeros_like(self.irradiance), np.zeros_like(self.shot))
             self.irradiance = np.zeros((2, len(self.transport.elements), 3))
             self.splits.append(which)
@@ -208,10 +210,11 @@ class _Light(NamedTuple):
 
 @kernel
 def _shoot(side, sent, column, surfaces, light, parts):  # type: ignore[no-untyped-def]
-    """Shoot radiosity (3,) from a patch by its column (R,) of form factors; return the sum of factors times areas.
+    """Shoot the radiosity `sent` (3,) of a patch's side; return the sum over receivers of form factor times area.
 
-    The emission that has not been shot before is sent first, all of it in the first shot. The rest of `sent` is
-    reflected light.
+    The emission is shot first, all of it in the patch's first shot. The rest of `sent` is reflected light.
+
+    column : (R,) form factors from the elements to the patch's side
 
     parts : (2, 3) working memory
     """

@@ -55,14 +55,14 @@ DEFAULT_ADAPTIVE = 6
 _CACHE_SHARE = 0.25
 #: Maximum size of cached form factors, bytes.
 _CACHE_MAX = 4 << 30
-#: Maximum number of batches for a camera.
+#: Maximum number of batches, including those added for smaller elements or a camera, unless the caller wants more.
 _MAX_BATCHES = 64
 #: Target relative error of the gathered light for a camera. Light of a sky may enter through a small window, so
 #: particles are added until the standard error meets this target.
 _VIEW_ERROR = 0.003
-#: Stop rule of a solution in its statistics, unless the time limit ended it.
+#: `stop_rule` in the statistics of a solution, unless the time limit ended it.
 DONE = "done"
-# Name of the work before the first step, for a time limit.
+# Name of the work before the first step, for the error message of a time limit.
 _MESHING = "meshing the scene for its radiosity"
 #: Seconds between two reports.
 _REPORT_INTERVAL = 0.05
@@ -77,7 +77,7 @@ class RadiosityProgress:
     steps       : number of shots of patches, or of particles
     unshot      : fraction of emitted energy that has not been shot; for Monte Carlo the fraction of remaining
                   particles; None for a matrix
-    until       : fraction at which it ends
+    until       : value of `unshot` at which the solution ends
     elements    : number of elements
     """
 
@@ -202,8 +202,8 @@ def solve_radiosity(
     method     : "progressive" for refinement (Cohen et al. 1988); "matrix" for a direct solution of small scenes;
                  "monte-carlo" for stochastic shooting with many elements
     patches    : approximate number of patches, which shoot; at least one per triangle, by default 1000. With
-                 "monte-carlo", triangles smaller than a patch count as the fraction of one that they are, and so
-                 leave patches to large walls
+                 "monte-carlo", a triangle smaller than a patch counts as a fraction of a patch, which leaves more
+                 patches to large walls
     size       : longest edge of a patch in scene units, instead of `patches`
     splits     : number of times that each patch is split in four, to get the elements, which receive
     adaptive   : maximum number of times that elements are split in four if the radiosity changes fast; not for
@@ -235,7 +235,7 @@ def solve_radiosity(
     on_progress: function that is called with a `RadiosityProgress` now and then
     checkpoint : file of the solver's state, from which it resumes bit-identically; not for "matrix"
 
-    Raises TimeLimitError if the time limit is over more than a second before the first step is done. Raises
+    Raises TimeLimitError if the first step is not finished within one second after the time limit. Raises
     SceneError for a scene without emitters, with a triangle without area, with a reflectance of 1 or more, or with
     content that path tracing does not support. Raises UsageError for options out of range or a mesh that does not
     fit into memory, and GlpathError for a checkpoint that another process uses. On Ctrl-C it raises
@@ -269,7 +269,7 @@ def solve_radiosity(
         check_solvable(triangles)
         surface = surfaces(triangles)
         if size is None:
-            # Small triangles cost nothing with particles, whose cost depends on hits.
+            # The cost of particles depends on their hits, so small triangles cost nothing.
             by_size = method == "monte-carlo"
             size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES, by_size=by_size)
         divisions = divisions_of_size(triangles, surface, size)
@@ -395,7 +395,7 @@ def _monte_carlo(
     ):
         run.resumed(checkpoint)
     asked = -(-particles // BATCH)
-    # If a checkpoint has more batches, continue up to the next decision.
+    # If a checkpoint has more batches, continue to the next multiple of `asked`, where refinement is decided.
     batches = max(asked, -(-(shooting.particles // BATCH) // asked) * asked)
 
     def report() -> None:
@@ -431,11 +431,11 @@ def _monte_carlo(
     try:
         while True:
             shooting.shoot(batches - shooting.particles // BATCH, report)
-            # The number of particles per element does not depend on the number of elements.
+            # Particles are added in proportion to elements, so that each element gets as many on average.
             detail = shooting.detail()
             elements = sum(int(leaf.sum()) for leaf in detail.leaves)
             wanted = round(asked * elements / len(shooting.mesh.elements))
-            if time_is_up():  # finer lattices would start again
+            if time_is_up():  # refined lattices would start anew, without particles
                 raise TimeLimitError("time_limit: over before the lattices are refined.")
             before = shooting.state()
             if shooting.deepen(detail):
@@ -446,16 +446,16 @@ def _monte_carlo(
             enough = not shooting.lit.any() or view is None or view[1] <= _VIEW_ERROR * view[0]
             if (enough and batches >= wanted) or batches + asked > max(asked, _MAX_BATCHES):
                 return solution(detail)
-            # Batches are added in the same steps for any number of threads.
+            # The number of batches added does not depend on the number of threads, so neither does the result.
             batches += asked
     except (TimeLimitError, KeyboardInterrupt) as stop:
         return _stopped(stop, partial())
 
 
 def _stopped(stop: BaseException, partial: RadiositySolution | None) -> RadiositySolution:
-    """Return the partial solution, which the time limit ended.
+    """Return the partial solution of a run that the time limit ended.
 
-    Raises RadiosityInterrupted if it was Ctrl-C, and TimeLimitError if there is no solution yet.
+    Raises RadiosityInterrupted if Ctrl-C ended the run, and TimeLimitError if there is no solution yet.
     """
     if isinstance(stop, KeyboardInterrupt):
         raise RadiosityInterrupted(partial) from stop

@@ -1,7 +1,7 @@
-"""Fractions of light that arrive at backs of faces: they are neither in the matrix nor in the sky.
+"""Estimate which fraction of each face's light arrives at backs of faces; it is in no factor and not in the sky.
 
-Backs are not rows, so they have no factors. Their fractions are estimated by cosine-weighted rays from Sobol points
-of each facet. A few rays for each facet find out if any back is visible at all. Only then do all facets get as many
+Backs are not rows, so they have no factors. The fractions are estimated by cosine-weighted rays from Sobol points
+of each facet. A few rays for each facet find out if any back is visible at all. Only if so, all facets get as many
 rays as the error requires.
 
 Cost:    0.3 to 3 microseconds a ray. A closed model takes 16 rays a facet, an open one 128; if backs are visible, a
@@ -34,11 +34,11 @@ Int64 = NDArray[np.int64]
 _CLOSED = 16
 #: Number of first rays of a facet in models that are not closed.
 _OPEN = 128
-#: Minimum number of first rays of all facets together.
+#: Minimum total number of first rays; each facet of a small model gets more to reach it.
 _ALTOGETHER = 4096
 #: Target standard error of a back fraction, relative to the target error of a row's sum.
 _SHARE = 0.4
-#: Number of facets of a task.
+#: Maximum number of facets of a task.
 _TASK = 64
 
 

@@ -1,7 +1,7 @@
 """Compute view factors between faces, row by row on all cores; the computation can be resumed.
 
-Each pair of facets is evaluated once. By reciprocity its exchange area holds in both directions, so only facets
-that follow in the order of the BVH are evaluated, and the other half of the matrix is the transpose.
+Each pair of facets is evaluated once, because by reciprocity its exchange area is the same in both directions. A
+facet's row has only the facets that follow in the order of the BVH. The other half of the matrix is the transpose.
 """
 
 from __future__ import annotations
@@ -54,15 +54,15 @@ _BYTES_PER_FACTOR = 40
 _OVERLAP = 0.01
 #: Size of the matrix in bytes up to which available memory is not checked.
 _ASKED = 8 << 20
-#: Factor on the standard errors of points in a row's error. These errors are cautious, so the result is about one
-#: and a half true standard errors.
+#: Factor on the estimated standard error of a row, due to its visibility points. The estimate is too large, so that
+#: the result is about one and a half true standard errors.
 _CAUTION = 0.9
-#: Factor on the standard errors of backs in a row's error, because rays underestimate them.
+#: Factor on the estimated standard error of a row's back fraction, because rays underestimate this error.
 _OF_BACKS = 2.5
-#: Width of a strip along the row's edges in a row's error, in units of the rounding length `eps`. No row of random
-#: rooms, rotated and in 32 bits, loses more than this strip.
+#: Width of a strip along a row's perimeter, in units of the rounding length `eps`. Rounding may lose the strip, so
+#: its area is added to the row's error. Random rooms, rotated and in 32 bits, never lost more.
 _STRIPS = 2e-3
-#: Format number of a partial file; it changes with the layout or the method.
+#: Format number of the file that `resume` names; it changes with the file's layout or the method.
 _FORMAT = 4
 
 
@@ -89,9 +89,13 @@ Report = Callable[[ViewFactorProgress], None]
 
 @dataclass
 class _Part:
-    """Exchange areas between the facets of some tasks and the facets that follow each, by row of the matrix.
+    """Exchange areas found by some tasks, as entries of one half of the matrix.
 
-    error : standard error of each exchange area
+    tasks    : numbers of the tasks
+    i, j     : row and column of each entry
+    exchange : exchange area A F of each entry, in scene units squared
+    error    : standard error of each exchange area
+    counts   : counts of `COUNT_NAMES`
     """
 
     tasks: Int64
@@ -117,9 +121,9 @@ def view_factors(
 
     If shafts prove that two faces are unoccluded, no rays are traced. Distant faces use Gauss points on both, as
     many as `error` requires, and close faces use the double contour integral. If occluders may exist, visibility is
-    computed exactly from points of the smaller face. These scrambled Sobol points are doubled until their spread is
-    below the tolerance. Both sides of a face occlude, but only the front sends and receives. Light that arrives at
-    backs is reported as `ViewFactors.backs`, and does not count as sky.
+    computed exactly from scrambled Sobol points of the smaller face. Their number is doubled until the spread of
+    their results is below the tolerance. Both sides of a face occlude, but only the front sends and receives. Light
+    that arrives at backs is reported as `ViewFactors.backs`, and does not count as sky.
 
     Parameters
     ----------
@@ -186,7 +190,7 @@ def view_factors(
 
 
 def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
-    """Warn if rows add up to more than 1, because coinciding faces do not hide each other and count twice."""
+    """Warn if rows add up to more than 1, a sign that coinciding faces do not hide each other and count twice."""
     over = found.row_sums - 1
     allowed = np.maximum(max(_OVERLAP, 3 * found.statistics["error"]), 5 * found.error)
     if (too_much := np.flatnonzero(over > allowed)).size:
@@ -278,7 +282,7 @@ class _Run:
             while left:
                 try:
                     parts = [_whole(ended.get(timeout=_REPORT_INTERVAL))]
-                except Empty:  # hard tasks take minutes
+                except Empty:  # no task has ended meanwhile, because hard tasks take minutes
                     self._report("rows", self.rows_done + sum(int(done[0]) for done in within), total, False)
                     continue
                 while not ended.empty():
@@ -294,7 +298,7 @@ class _Run:
             )  # fmt: skip
         except BaseException:
             pending.clear()
-            stop[0] = 1  # hard rows take minutes
+            stop[0] = 1  # ends rows before they are finished, because hard rows take minutes
             if self.kept is not None:
                 _end(running)
                 found = [ended.get() for _ in range(ended.qsize())]
@@ -313,7 +317,7 @@ class _Run:
         share = self.rows_done / max(total, 1)
         if share > 0.05:
             self.bytes = round(2 * self._factors() / share * _BYTES_PER_FACTOR)
-            if self.bytes > max(1.1 * self.granted, _ASKED):  # the check takes longer than some rows
+            if self.bytes > max(1.1 * self.granted, _ASKED):  # not always, as the check takes longer than some rows
                 present = self._factors() * 20
                 require_memory(
                     self.bytes - present,

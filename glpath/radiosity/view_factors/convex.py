@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from glpath.system.kernels import inner_kernel
 
-#: Maximum number of corners of a facet or occluder; each of two clips adds one corner.
+#: Maximum number of corners of a facet or occluder. Each clip by a plane may add a corner; `ROOM` allows for that.
 CORNERS = 12
 ROOM = CORNERS + 4
 
@@ -36,7 +36,7 @@ _EIGHTH = 0.41421356237309503
 
 @inner_kernel
 def angle(y, x):  # type: ignore[no-untyped-def]
-    """Return arctan2(y, x) for y >= 0 to 1e-13, in a third of the time, without a call or branches."""
+    """Return arctan2(y, x) for y >= 0, accurate to 1e-13, in a third of its time, without a call or branches."""
     across = abs(x)
     small, large = min(across, y), max(across, y)
     folded = small > _EIGHTH * large
@@ -94,7 +94,10 @@ def clip(polygon, planes, i, eps, target):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def measure(polygon, centre):  # type: ignore[no-untyped-def]
-    """Return the area, and the largest distance of a corner from the corners' mean, which goes to `centre`."""
+    """Return a polygon's area and radius, and write the mean of its corners to `centre`.
+
+    The radius is the largest distance of a corner from the centre.
+    """
     points, n = polygon
     for j in range(3):
         centre[j] = 0.0

@@ -22,11 +22,13 @@ import numpy as np
 from glpath.radiosity.view_factors.convex import angle, measure, quadrature
 from glpath.system.kernels import inner_kernel, inner_sum
 
-#: Distance of the centres, in sums of the radii, up to which polygons are close; must be above 1.
+#: Distance between two polygons' centres, as a multiple of the sum of their radii, below which they are close. It
+#: must be above 1.
 _CLOSE = 1.1
 
-#: Tolerance of the contour integral, as a fraction of the allowed error. On an edge much longer than the polygons'
-#: distance, both rules may agree before any point is close.
+#: Tolerance of the contour integral, as a fraction of the allowed error. It is below 1, because both rules may
+#: agree although they are wrong. This happens on an edge much longer than the polygons' distance, if no point is
+#: close.
 _NEAR = 0.2
 #: Maximum error of Kronrod's seven points, as a fraction of their difference from Gauss's three points.
 _SEVEN = 0.1
@@ -39,7 +41,10 @@ _G2, _G0 = 5 / 9, 8 / 9
 
 
 def _triangle_rule(thrice: list[tuple[float, float]], *others: tuple[float, float, float, float]) -> np.ndarray:
-    """Return (r, 4), barycentric coordinates and weights; each entry of `thrice` stands for three points."""
+    """Return (r, 4), barycentric coordinates and weights of a rule's points.
+
+    Each entry (a, weight) of `thrice` stands for the three points with coordinates 1 - 2a, a and a in any order.
+    """
     points = [p for a, w in thrice for p in ((1 - 2 * a, a, a, w), (a, 1 - 2 * a, a, w), (a, a, 1 - 2 * a, w))]
     return np.array([*points, *others])
 
@@ -64,8 +69,8 @@ RULE_8 = _triangle_rule(
     (1 / 3, 1 / 3, 1 / 3, 0.144315607677787),
     *_six(0.263112829634638, 0.008394777409958, 0.027230314174435),
 )
-#: Error bounds of the rules, in units of apart^-(degree + 2) times the exchange area of small elements that face
-#: each other. They were measured on random polygons, the worst of which has about half of the bound.
+#: Error bounds of the rules, in units of d^-(degree + 2) A_a A_b / (pi r^2). Here r is the distance of the centres,
+#: and d is r divided by the sum of the radii. The largest errors on random polygons are about half of these bounds.
 _OFF_2, _OFF_4, _OFF_6, _OFF_8 = 0.2, 0.04, 0.01, 1.5e-3
 
 
@@ -114,7 +119,7 @@ def _by_points(a, b, na, nb, rule, work):  # type: ignore[no-untyped-def]
 
 @inner_sum
 def _between_points(a, n, b, m, na, nb):  # type: ignore[no-untyped-def]
-    """Return the sum of cos cos / (pi r^2) over pairs of weighted points."""
+    """Return the weighted sum of cos cos / (pi r^2) over pairs of points; a, b (4, m) are positions and weights."""
     total = 0.0
     for i in range(n):
         x, y, z, w = a[0, i], a[1, i], a[2, i], a[3, i]
@@ -163,8 +168,8 @@ def _inner(edge, s, polygon):  # type: ignore[no-untyped-def]
         dot = ex * fx + ey * fy + ez * fz
         length2 = fx * fx + fy * fy + fz * fz
         if dot != 0 and length2 > 0:
-            # Distances in lengths of q: u along q from the point's foot to the start, and h from the point to its
-            # foot.
+            # Distances in units of q's length. The foot is the point of q's line that is nearest to the point. u
+            # leads along q from the foot to the start of q, and h from the point to the foot.
             u = (dx * fx + dy * fy + dz * fz) / length2
             v = u + 1
             hx, hy, hz = dx - u * fx, dy - u * fy, dz - u * fz
@@ -193,7 +198,8 @@ def _touches(a, k, polygon):  # type: ignore[no-untyped-def]
 def _along(edge, start, width, smoothed, polygon):  # type: ignore[no-untyped-def]
     """Return the integral of `_inner` over a part of an edge by seven points, and its difference from three points.
 
-    smoothed : True to substitute the point t^2 (3 - 2 t) and its derivative, which is smooth at an end that touches
+    smoothed : True to substitute s = t^2 (3 - 2 t), so that the integrand is smooth at an end that touches the
+               polygon
     """
     half = 0.5 * width
     seven = three = 0.0

@@ -71,7 +71,7 @@ class Faces:
         sides = np.array([len(outline) for outline in self.outlines], np.int64)
         flat = np.fromiter((corner for outline in self.outlines for corner in outline), np.int64, int(sides.sum()))
         first = np.concatenate([[0], np.cumsum(sides)[:-1]]) if len(sides) else sides
-        face = np.repeat(np.arange(len(sides)), sides - 2)  # face of each triangle of the fans
+        face = np.repeat(np.arange(len(sides)), sides - 2)  # index of the face of each fan triangle
         step = np.arange(len(face)) - np.repeat(np.cumsum(sides - 2) - (sides - 2), sides - 2)
         a, b, c = (self.vertices[flat[first[face] + at]] for at in (0, step + 1, step + 2))
         doubled = np.cross(b - a, c - a)

@@ -31,7 +31,7 @@ _STRAIGHT = 1e-6
 
 
 def polygons_of(vertices: Float64, outlines: Sequence[Sequence[int]]) -> Polygons:
-    """Return the polygons of convex outlines with at most `CORNERS` corners each, for the kernels."""
+    """Convert convex outlines, with at most `CORNERS` corners each, to the polygons that the kernels take."""
     total = len(outlines)
     corners = np.zeros((total, CORNERS, 3))
     count = np.array([len(outline) for outline in outlines], np.int64)
@@ -40,7 +40,7 @@ def polygons_of(vertices: Float64, outlines: Sequence[Sequence[int]]) -> Polygon
         some = vertices[np.array([outlines[i] for i in which.tolist()])]
         corners[which, :n] = some
         corners[which, n:] = some[:, :1]
-    # Repeated corners add nothing to the area.
+    # Unused entries repeat corner 0, and add nothing to the area.
     following = np.roll(corners, -1, axis=1)
     area_vectors = 0.5 * np.cross(corners - corners[:, :1], following - corners[:, :1]).sum(axis=1)
     areas = np.linalg.norm(area_vectors, axis=1)
@@ -60,14 +60,15 @@ def polygons_of(vertices: Float64, outlines: Sequence[Sequence[int]]) -> Polygon
 def merged(
     vertices: Float64, outlines: Sequence[Sequence[int]], labels: Sequence[int], size: float
 ) -> tuple[list[list[int]], list[int]]:
-    """Merge neighbours of one label in one plane if their union is convex.
+    """Merge neighbouring polygons of the same label and plane if their union is convex.
 
     vertices : (V, 3); equal vertices must have one index
     outlines : vertex indices of convex polygons
-    size     : size of the scene, which the rounding tolerance is relative to
+    labels   : label of each polygon
+    size     : size of the scene, to which the rounding tolerance is proportional
 
-    Returns outlines and the index of the first polygon of each. The longest common edges are merged first, so that
-    the two triangles of a quad become one polygon.
+    Returns the outlines after merging, and for each the index of a given polygon in it. Polygons with the longest
+    common edge are merged first, so that the two triangles of a quad become one polygon.
     """
     shapes: list[list[int] | None] = [list(outline) for outline in outlines]
     points = list(map(tuple, np.asarray(vertices, np.float64).tolist()))
@@ -125,9 +126,9 @@ def _edges(outline: list[int]) -> list[tuple[int, int]]:
 
 
 def _union(points: list[Any], one: Any, two: Any, a: int, b: int, normal: Any, eps: float) -> list[int] | None:
-    """Return the union of two convex polygons with one normal, or None if it is not flat and convex.
+    """Return the union of two convex polygons with the same normal, or None if it is not flat and convex.
 
-    They share the edge from a to b of the first polygon.
+    The polygons share an edge, which leads from a to b in the first polygon.
     """
     x, y, z = points[a]
     nx, ny, nz = normal
@@ -220,7 +221,7 @@ def planar_regions(vertices: Float64, outlines: Sequence[Outline], size: float) 
     for number, outline in enumerate(outlines):
         for a, b in _edges(list(outline)):
             other = sides.get((b, a))
-            # A fine cylinder would be flat by the normals of neighbours alone, so the corners are tested too.
+            # In a finely divided cylinder, all neighbours have nearly equal normals, so the corners are tested too.
             if other is not None and _dot(normals[number], normals[other]) > 1 - 1e-9:
                 origin = points[outlines[found(other)][0]]
                 normal = normals[found(other)]
@@ -247,7 +248,7 @@ def convex_parts(vertices: Float64, outline: Outline, max_corners: int) -> list[
         return _dot(normal, _cross(_minus(points[b], points[a]), _minus(points[c], points[b])))
 
     n = len(outline)
-    # A self-intersecting quad or a star turns outward somewhere or winds around twice.
+    # Any other outline turns outward somewhere, unless it intersects itself and winds around more than once.
     if all(turn(outline[k - 1], outline[k], outline[(k + 1) % n]) >= 0 for k in range(n)):
         step = max_corners - 2
         return [(outline[0], *outline[k : k + step + 1]) for k in range(1, n - 1, step)]

@@ -132,7 +132,8 @@ def check_names(names: Sequence[str], zone: str, path: Path) -> None:
 def write_idf(matrix: Any, backs: Float64, names: Sequence[str], zone: str, path: Path) -> None:
     """Write ZoneProperty:UserViewFactors:BySurfaceName of EnergyPlus, with all N^2 factors.
 
-    Comments give the fractions of rows that see backs; see also `check_names`.
+    For each row that sees backs, a comment in the file gives the fraction of light that arrives there. Names must
+    pass `check_names`.
     """
     dense = np.asarray(matrix.toarray()).clip(0.0, 1.0)
     last = len(names) - 1

@@ -1,8 +1,9 @@
 """Visibility between polygons past occluders: exact from every point of one, quadrature over these points.
 
-Occluders between two polygons are clipped to the part in front of both. From a point, each casts a pyramid whose
-planes divide the visible part of the other polygon into convex parts. Parts outside all pyramids are visible, and
-Lambert's formula gives their form factor. Because visibility from a point is exact, the integrand is continuous.
+Occluders between two polygons are clipped to the part in front of both. For a point on one polygon, each occluder
+has a shadow pyramid, whose planes divide the other polygon into convex parts. Parts outside all pyramids are
+visible, and Lambert's formula gives their form factor. Because visibility from a point is exact, the integrand is
+continuous.
 
 Source: Nishita & Nakamae 1983, "Half-tone representation of 3-D objects illuminated by area sources".
 
@@ -20,15 +21,15 @@ from glpath.system.kernels import inner_kernel
 
 #: Maximum number of parts of the visible polygon that wait to be divided further.
 PARTS = 1024
-#: Number of blocks of points whose means are compared.
+#: Number of blocks into which points are divided; differences of the blocks' means give the standard error.
 BLOCKS = 4
-#: Standard error of the visible fraction times the number of points, if all points agree; a shadow may pass between
-#: them.
+#: If nearly all points agree, a shadow may still lie between them. This value divided by their number is then added
+#: to the standard error of the visible fraction, in squares.
 MISSED = 0.3
 #: Number of stored points of Sobol's sequence.
 MAX_POINTS = 1 << 16
-#: Fraction of the points' relative error for the unoccluded exchange area, which is known, that counts as one
-#: standard error.
+#: The points also estimate the unoccluded exchange area, whose exact value is known. This fraction of the relative
+#: error of that estimate is added to the standard error of the visible fraction, in squares.
 UNKNOWN = 0.5
 _UNIT = 2.0**-32
 
@@ -79,9 +80,9 @@ def hides_all(first, second, occluders, o, work):  # type: ignore[no-untyped-def
 
 @inner_kernel
 def _make_side(x, y, z, o, k, work):  # type: ignore[no-untyped-def]
-    """Write plane k of the pyramid from a point over occluder o: an inward normal, not normalized, and a tolerance.
+    """Write plane k of occluder o's shadow pyramid from a point: inward normal, not normalized, and a tolerance.
 
-    Heights over the plane within the tolerance are rounding.
+    Heights above the plane within the tolerance count as rounding errors.
     """
     n = work.clipped_count[o]
     j = k + 1 if k + 1 < n else 0
@@ -98,7 +99,7 @@ def _make_side(x, y, z, o, k, work):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def lambert(parts, i, n, nx, ny, nz):  # type: ignore[no-untyped-def]
-    """Return 2 pi times the form factor from an element at the origin to polygon parts[i, :n] above the horizon."""
+    """Return 2 pi times the form factor from an element at the origin to polygon parts[i, :n] over its horizon."""
     total = 0.0
     ax, ay, az = parts[i, n - 1, 0], parts[i, n - 1, 1], parts[i, n - 1, 2]
     for k in range(n):
@@ -136,7 +137,7 @@ def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-
         n, o = corners[top], following[top]
         alive = True
         while alive and o < clipped:
-            if fronts[o] == 0:  # edge-on
+            if fronts[o] == 0:  # the point lies in the occluder's plane, so the occluder hides nothing
                 o += 1
                 continue
             # A part outside one plane is not affected by the pyramid; a part inside all planes is hidden.
@@ -154,7 +155,7 @@ def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-
                     lowest, highest = min(lowest, h), max(highest, h)
                 if highest <= eps:
                     outside = True
-                    work.parting[o] = e  # likely to separate them for the next point too
+                    work.parting[o] = e  # this plane probably separates part and pyramid for the next point too
                     break
                 if lowest < -eps:
                     inside = False
@@ -221,7 +222,7 @@ def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-
 
 @inner_kernel
 def point_of(polygon, first, second, fan, begin):  # type: ignore[no-untyped-def]
-    """Return the point of a polygon for two 32-bit integers.
+    """Map two 32-bit integers to a point of a polygon, uniformly by area.
 
     fan   : (n,) working memory for cumulative areas of the fan's triangles
     begin : True to compute `fan` first
@@ -250,9 +251,9 @@ def point_of(polygon, first, second, fan, begin):  # type: ignore[no-untyped-def
 def seen_share(a, plane, b, exchange, sampling, seed, clipped, work):  # type: ignore[no-untyped-def]
     """Return the fraction of an exchange area visible past occluders, its standard error, and the number of points.
 
-    The points are scrambled Sobol points on polygon a, which lies in `plane`; visibility is of polygon b. The
-    standard error is estimated from the means of `BLOCKS` successive blocks, each of which is a net. All blocks
-    together are a better net, so the estimate is cautious.
+    From each of the scrambled Sobol points on polygon a, which lies in `plane`, the visibility of polygon b is
+    computed. The standard error is estimated from the means of `BLOCKS` successive blocks of points. All blocks
+    together are distributed more evenly than each block, so the estimate is cautious.
 
     exchange : exchange area of the two polygons without occluders
     sampling : numbers of points; its tolerance is an exchange area
@@ -285,14 +286,15 @@ def seen_share(a, plane, b, exchange, sampling, seed, clipped, work):  # type: i
         if whole <= 0:
             return 0.0, 0.0, points
         share = seen / whole
-        # Variance of the ratio: the exact exchange area is known, so the points' error of the total cancels.
+        # Variance of the ratio of visible to total sums. The ratio is applied to the exact exchange area, so errors
+        # that both sums share cancel.
         variance = 0.0
         for block in range(BLOCKS):
             variance += (sums[block, 0] - share * sums[block, 1]) ** 2
         variance *= BLOCKS / ((BLOCKS - 1.0) * whole * whole)
         if min(share, 1 - share) * points < 1:
             variance += (MISSED / points) ** 2
-        # The points' relative error of the known total is an uncertainty of the visible part too.
+        # The relative error of the points' total, whose exact value is known, is added too; see `UNKNOWN`.
         if exchange > 0:
             variance += (UNKNOWN * min(abs(whole * work.fan[a.n - 2] / (points * exchange) - 1), 1.0)) ** 2
         uncertain = np.sqrt(variance)
@@ -316,7 +318,10 @@ def _reversed(x):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _times(x, low, high):  # type: ignore[no-untyped-def]
-    """Return the lower 32 bits of a product, by halves of the second factor, without exceeding 63 bits."""
+    """Return the lower 32 bits of x times a factor, without exceeding 63 bits.
+
+    low, high : lower and upper 16 bits of the factor
+    """
     return (x * low + ((x * high & 0xFFFF) << 16)) & 0xFFFFFFFF
 
 

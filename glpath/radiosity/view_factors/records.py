@@ -17,9 +17,10 @@ Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 
-#: Maximum depth of halving a polygon.
+#: Maximum number of successive halvings of a pair's polygons.
 DEEPEST = 14
-#: Maximum number of occluders considered between two polygons at that depth.
+#: Maximum number of occluders considered between two polygons. If there are more, a polygon is halved, down to
+#: `DEEPEST`; there, further occluders are ignored.
 MAX_CLIPPED = 256
 
 

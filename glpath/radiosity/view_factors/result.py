@@ -37,7 +37,7 @@ Float64 = NDArray[np.float64]
 
 #: Format number of the file; it changes with the layout.
 FORMAT = 2
-#: Allowed deviation of row sums from 1 before closure is enforced.
+#: Deviation of row sums from 1 up to which a room counts as closed, unless a row's estimated error is larger.
 _OPEN = 0.02
 _ROUNDS = 20
 
@@ -93,12 +93,12 @@ class ViewFactors:
 
     @cached_property
     def row_sums(self) -> Float64:
-        """Fractions (N,) that arrive at the fronts of all faces."""
+        """Fractions (N,) of each row's light that arrive at the fronts of all faces."""
         return np.asarray(self.matrix.sum(axis=1), np.float64).ravel()
 
     @property
     def sky(self) -> Float64:
-        """Fractions (N,) that reach the sky or surroundings: 1 minus the row's sum and `backs`."""
+        """Fractions (N,) of each row's light that reach sky or surroundings: 1 minus the row's sum and `backs`."""
         return np.asarray(self.enclosure - self.backs)
 
     @property
@@ -245,7 +245,10 @@ class ViewFactors:
         return VtkMesh(given.vertices, given.outlines, on_faces)
 
     def check_closed(self, what: str) -> None:
-        """Raise UsageError if a row deviates from 1 by more than its error; faces without an area do not count."""
+        """Raise UsageError if a row's sum differs from 1 by more than `_OPEN` and its error.
+
+        Faces without an area do not count.
+        """
         allowed = np.maximum(_OPEN, self.error)
         if (far := np.flatnonzero(np.abs(self.enclosure) > allowed)).size:
             i = int(far[np.argmax(np.abs(self.enclosure[far]))])

@@ -1,7 +1,7 @@
-"""Rows of exchange areas: from one facet through a BVH of all others, with the occluders of its shafts [SC].
+"""Rows of exchange areas: each facet traverses a BVH of all others, with the occluders in its shafts [SC].
 
 A node's list of occluders is the part of its parent's list inside the shaft between the facet and the node's box.
-If one of them occludes the whole box, the branch is skipped. If the list is empty, everything below is unoccluded,
+If one occluder hides the whole box, the branch is skipped. If the list is empty, everything below is unoccluded,
 and the search for occluders ends.
 """
 
@@ -20,19 +20,19 @@ from glpath.radiosity.view_factors.hidden import BLOCKS, MAX_POINTS, Sampling, h
 from glpath.radiosity.view_factors.records import DEEPEST, MAX_CLIPPED
 from glpath.system.kernels import inner_kernel, kernel
 
-#: Standard error of a factor F, as a fraction of the target error of a row's sum times sqrt(F). The squared errors
-#: in a row then add up to less than the square of the row's, because the factors add up to 1.
+#: The target standard error of a factor F is this value times sqrt(F) times the target error of a row's sum. The
+#: factors of a row add up to 1, so the row's standard error is at most this fraction of its target.
 _SHARE = 0.4
 #: Allowed error of unoccluded factors, as a fraction of the target error of a row's sum.
 _EXACT = 0.05
 #: Fraction of an error bound that counts as one standard error. Quadrature rules are chosen by bounds on their
 #: errors; the true errors are 0.02 to 0.3 of these.
 _OF_BOUND = 0.16
-#: Exchange area, in tolerances, up to which four points suffice and the largest polygon is not halved.
+#: Exchange area, as a multiple of its tolerance, up to which four initial points suffice and no polygon is halved.
 _COARSE = 6.0
-#: Number of tolerances in an exchange area for which a whole pair gets one initial point. In parts of a pair, each
-#: tolerance gets a point. Few points may agree accidentally. If all of them miss a small occluder, the accepted sum
-#: is too large.
+#: The initial number of points of a pair of facets is its exchange area divided by its tolerance and by this value.
+#: For a part of a pair, it is the exchange area divided by the tolerance. If all of too few points miss a small
+#: occluder, the result is too large and yet accepted.
 _A_POINT = 3.0
 #: Maximum number of initial points.
 _TRIED = 128
@@ -44,9 +44,10 @@ _MANY_OCCLUDERS = 48
 
 # Indices into the counts.
 PAIRS, FACING, BRANCHES, HIDDEN, FREE, PARTIAL, POINTS, CROWDED = range(8)
-#: Numbers of pairs of facets tested, and of pairs that face each other; of BVH branches, and of pairs, that one
-#: occluder hides; of pairs proven to be unoccluded, and of others; of points for these others; and of parts of
-#: pairs with more occluders than `MAX_CLIPPED` or too many visible pieces.
+#: Names of the counts. "pairs" are pairs of facets tested, and "facing" those that face each other. "hidden" ones
+#: are hidden by a single occluder, "free" ones are proven to be unoccluded, and "partial" are all others, for which
+#: "points" are the points of visibility. "crowded" are parts of pairs with more occluders than `MAX_CLIPPED` or too
+#: many visible pieces.
 COUNT_NAMES = (
     "pairs", "facing", "hidden_branches", "hidden_pairs", "free_pairs", "partial_pairs", "points", "crowded_pairs",
 )  # fmt: skip
@@ -69,7 +70,7 @@ class Rows(NamedTuple):
 def _may_occlude(o, occluders, polygon, box, eps):  # type: ignore[no-untyped-def]
     """Return how occluder o may occlude segments between a polygon and a box.
 
-    0 : not at all, because neither polygon nor box crosses its plane
+    0 : not at all, because both lie on one side of its plane, or one of them lies in the plane
     2 : its plane separates them, and no part of the box lies in the plane
     1 : otherwise
     """
@@ -163,7 +164,7 @@ def _outside_hull(occluders, o, count, work):  # type: ignore[no-untyped-def]
 def _between(i, j, facets, occluders, begin, end, error, work):  # type: ignore[no-untyped-def]
     """Return the exchange area of facets i and j, and its variance; candidate occluders are work.lists[begin:end].
 
-    If many remain, the larger polygon is halved, because a smaller shaft contains fewer occluders and often none.
+    If many occluders remain, the larger polygon is halved, because a smaller shaft contains fewer or none.
     """
     eps, lists, pairs, counts = work.eps, work.lists, work.pairs, work.counts
     smaller = min(facets.areas[i], facets.areas[j])
@@ -242,7 +243,8 @@ def _between(i, j, facets, occluders, begin, end, error, work):  # type: ignore[
         on_a = radius_a <= radius_b
         smaller_one, other, facet = (a, b, i) if on_a else (b, a, j)
         if depth < DEEPEST and not coarse:
-            # Visibility is discontinuous where a point crosses the line on which an occluder stands.
+            # Visibility is discontinuous where a point crosses the line on which an occluder stands. The polygon is
+            # therefore split along this line.
             stands = _standing(smaller_one, facets.planes, facet, clipped, work)
             if stands >= 0:
                 for k in range(4):
@@ -345,7 +347,8 @@ def _divide(a, b, first, top, work):  # type: ignore[no-untyped-def]
 def _standing(base, planes, i, clipped, work):  # type: ignore[no-untyped-def]
     """Return the index of the clipped occluder that stands on a polygon along the longest line; -1 if none does.
 
-    The polygon lies in planes[i]. Lines along its own edges do not count.
+    Such a line is an edge of an occluder that lies inside the polygon, in planes[i]. Lines along the polygon's own
+    edges do not count.
     """
     polygon, n = base
     eps = work.eps
@@ -472,5 +475,5 @@ def exchange_rows(first, last, facets, tree, occluders, error, rows, work):  # t
                 child = skip[child]
         rows.ends[i - first] = size
         work.done[0] += 1
-    # The last pair may be unfinished.
+    # If the computation was stopped, the last pair may be unfinished.
     return last if work.stop[0] == 0 else -1
