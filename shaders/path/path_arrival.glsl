@@ -26,7 +26,7 @@ struct Arrival
     float t;          // distance from the previous vertex
     vec3 wo;          // unit direction back along the path
     vec3 throughput;  // throughput without the reflection at this vertex
-    vec4 radiance;    // radiance summed so far; a: see accumulate.glsl
+    vec4 radiance;    // radiance summed so far; a: events of the path, see accumulate.glsl
 };
 
 Arrival arrive(ivec2 pixel)
@@ -41,7 +41,7 @@ Arrival arrive(ivec2 pixel)
     if (a.triangle != PATH_DEAD) a.radiance.a += scan_events(a.triangle);
 #ifdef HAS_SKY
     if (a.triangle == PATH_MISSED) {
-        // The sky is weighted against the light sample of the previous vertex, as emission is.
+        // MIS weight of the sky against the light sample of the previous vertex, as for emission below.
         float direction_code = texel(path_position, pixel).w;
         float escaped = direction_pdf(coded_cosine(direction_code), path_views);
         vec3 seen = path_d[coded_view(direction_code)] * sign(direction_code);
@@ -63,8 +63,8 @@ Arrival arrive(ivec2 pixel)
     a.surface = hit_surface(a.triangle, pixel, a.position, a.plane);
     a.front = front_hit(a.plane.xyz, d);
 
-    // Emission is weighted against the light sample of the previous vertex [Veach 1997], because it would otherwise count
-    // twice.
+    // MIS weight of emission against the light sample of the previous vertex [Veach 1997]. Without it, emission
+    // would count twice.
     float pdf_area;
     vec3 Le = emitted(a.surface, a.front, pdf_area);
     float pdf = direction_pdf(coded_cosine(from.w), path_views);
