@@ -10,17 +10,15 @@
 //     albedo: diffuse reflectance plus radiance that the surface or the sky emits, clipped at 1 as Open Image Denoise expects;
 //             lamps and a bright sky are white
 //             FOLLOWS_MIRRORS: albedo and normal of the surfaces visible in mirrors and through clear glass; the
-//             albedo is
-//             multiplied by the fraction of light from there
+//             albedo is multiplied by the fraction of light from there
 //     normal: unit shading normal on the visible side; 0 without a hit
 //   AOV_POSITION    low     low words of position and of depth along the view (distance in a panorama), in two's complement
-//                high    high words; that of depth also has the number of hits, in its bits above the low
-//                        HITS_SHIFT
+//                high    high words; that of depth also has the number of hits, above its low
+//                        HITS_SHIFT bits
 //   AOV_UV       uv_low  low words of u and v, in the format of AOV_POSITION
 //                uv_high high words; the last also has the number of hits
 //   AOV_NEAREST  nearest  minimum depth, stored as the bits of infinity minus those of the depth, because the
-//                         maximum is kept;
-//                         0 without a hit
+//                         maximum is kept; 0 without a hit
 uniform float position_quanta;  // number of quanta per scene unit in sums of positions
 uniform float position_extent;  // absolute coordinates and depths are clamped to this, in scene units
 uniform float uv_quanta;     // number of quanta per unit in sums of texture coordinates

@@ -19,7 +19,7 @@
 #endif
 #include "path/path_state.glsl"
 
-// a path continues if its segment is shorter than this, times a random number in [0, 1), times min_lookup_distance
+// A path continues if its segment is shorter than this, times a random number in [0, 1), times min_lookup_distance.
 uniform float lookup_distance;
 
 void main()

@@ -17,7 +17,7 @@ layout(location = 1) out vec4 direct;
 #endif
 #endif
 #ifdef SPLIT_LIGHT
-// true if the light is reflected at the path's first vertex, so that it counts as direct light
+// True if the light is reflected at the path's first vertex, so that it counts as direct light.
 uniform bool first_vertex;
 #endif
 

@@ -4,7 +4,7 @@
 uniform vec3 next_directions[VIEWS];  // directions in which paths continue, shared by all paths of a set [PB 3.1]
 uniform int next_views;         // number of directions that a path can choose from
 uniform bool roulette;          // true if paths end by Russian roulette (Arvo & Kirk 1990)
-// probability that a path continues, per unit of its cosine with the surface; see go_on
+// Probability that a path continues, per unit of its cosine with the surface; see go_on.
 uniform float cosine_roulette;
 
 #ifdef HAS_DISTANT_LIGHTS

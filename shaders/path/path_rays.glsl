@@ -40,7 +40,7 @@ const float start_extent = 0.0;
 #endif
 #include "film/split_light.glsl"
 #ifdef SPLIT_LIGHT
-// number of surfaces that have scattered the path, not counting thin dielectrics passed straight
+// Number of surfaces that have scattered the path, not counting thin dielectrics passed straight.
 int scattered = 0;
 #endif
 #ifdef GATHER
@@ -49,23 +49,23 @@ uniform int lookup_depth;       // number of diffuse bounces after which the sol
 uniform float lookup_distance;
 #endif
 #if defined(GATHER) || defined(CONTROL_VARIATE)
-// maximum number of vertices of a path through glass and mirrors; roulette ends paths long before
+// Maximum number of vertices of a path through glass and mirrors; roulette ends paths long before.
 const int MIRRORS = 1024;
 #endif
 
 #ifdef CONTROL_VARIATE
 uniform int lookup_depth;         // diffuse bounces before the first vertex at which the solution may replace the path
-// radical inverse of the path set's index; decides which paths continue at that vertex
+// Radical inverse of the path set's index; decides which paths continue at that vertex.
 uniform float correction_number;
 const float FIRST_CHANCE = 0.5;   // probability that a path continues at that vertex
-// at later vertices, the probability is this factor times the throughput, at most 1
+// At later vertices, the probability is this factor times the throughput, at most 1.
 const float LATER_CHANCE = 4.0;
 #endif
 
 UINT_TEXELS(r32ui, eye_buffer);
 uniform ivec2 window_size;
 uniform int max_depth;               // maximum number of vertices of a path
-// index of the vertex at which a path that roulette has not ended is cut, and counted as cut
+// Index of the vertex at which a path that roulette has not ended is cut, and counted as cut.
 uniform int cut_depth;
 // Russian roulette may end a path before each vertex from this index on (Arvo & Kirk 1990)
 uniform int roulette_depth;
@@ -106,7 +106,7 @@ struct RayPath
 #ifdef CONTROL_VARIATE
     int corrections;        // number of vertices at which the path continued although the solution was looked up
     float weight;           // weight of light that leaves the vertex by the diffuse lobe
-    // factor on emission that the ray from that lobe hits, because the solution may include direct light
+    // Factor on emission that the ray from that lobe hits, because the solution may include direct light.
     float emission_weight;
     float emission;         // factor on emission or sky that the current ray hits
 #endif

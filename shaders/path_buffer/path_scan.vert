@@ -21,7 +21,7 @@ flat out float skipped;
 
 uniform int cell_columns;
 #ifdef LISTED
-// number of triangles; for the second view, the list has numbers of triangles plus listed_of
+// Number of triangles; for the second view, the list has numbers of triangles plus listed_of.
 uniform int listed_of;
 #endif
 

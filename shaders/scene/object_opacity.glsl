@@ -9,7 +9,7 @@ bool primitive_lets_through(int primitive, vec3 origin, vec3 direction, float t,
 {
     if (!is_see_through(shape_of(primitive))) return false;
     Surface s = surface_at(primitive, origin, direction, t);
-    // A sphere is hit twice, so both hits need different keys.
+    // A ray can hit a sphere twice, and the two hits need different keys.
     bool front = front_hit(s.normal, direction);
     uint number = 2u * uint(primitive) + uint(front);
     return alpha_lets_through(s.material, base_colour(s).a, number, front != to_eye);
