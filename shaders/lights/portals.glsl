@@ -1,10 +1,12 @@
-// portals.glsl: openings for the light of the sky, `glpath.scene.portal`: light samples in their solid angle.
-// Needs:  PORTALS: their number; light_sample.glsl with HAS_SKY
+// portals.glsl: light samples of the sky through portals, rectangles around openings, by solid angle; see
+// `glpath.scene.portal`.
+// Needs:  PORTALS: number of portals; light_sample.glsl with HAS_SKY
 // Frame:  world. Units: densities per solid angle.
 #include "sampling/rectangle.glsl"
 
-// Fraction of the sky's light samples that are drawn through portals if some are in front. The others are drawn by the sky's
-// radiance. They find small suns and light from other directions, and make the mean unbiased.
+// Fraction of the sky's light samples that are drawn through portals, if any portal faces the position. The others
+// are drawn by the sky's radiance. They find small suns and light from outside the portals, and make the mean
+// unbiased.
 const float PORTAL_SHARE = 0.75;
 
 uniform vec3 portals[3 * PORTALS];  // a corner and two edges of each portal; the edges' cross product points inwards
@@ -29,7 +31,8 @@ float sky_pdf(vec3 from, vec3 direction)
     return all_around > 0.0 ? mix(whole, sky_chance * through / all_around, PORTAL_SHARE) : whole;
 }
 
-// Draws a direction through one of the portals, chosen by solid angle; number: uniform. Returns false behind all portals.
+// Draws a direction through one of the portals, chosen by solid angle; number: uniform. Returns false if the
+// position is behind all portals.
 bool portal_drawn(vec3 from, float number, vec2 u, out vec3 wi)
 {
     float all_around = 0.0;

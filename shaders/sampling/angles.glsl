@@ -5,7 +5,8 @@
 // Source: Moshier 1989, Cephes Mathematical Library (sinf, cosf, atanf).
 #include <CONSTANTS>
 
-// (cosine, sine) of an angle in right angles. The angle is reduced before it is rounded, to at most half a right angle.
+// (cosine, sine) of an angle that is given in right angles. It is first reduced to at most half a right angle,
+// without rounding.
 vec2 cosine_sine(float right_angles)
 {
     float nearest = floor(right_angles + 0.5);
