@@ -47,7 +47,7 @@ class Conditions:
             self._names.add(re.split(r"\W", rest, maxsplit=1)[0])
 
     def _value(self, expression: str) -> bool | None:
-        """Return the value of terms `defined(NAME)` with !, && and ||; None for any other expression."""
+        """Return the value of `defined(NAME)` terms with !, && and ||; None if other terms leave it unknown."""
         either: bool | None = False
         for part in expression.split("||"):
             every: bool | None = True

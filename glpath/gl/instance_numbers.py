@@ -15,9 +15,9 @@ from glpath.scene.instances import InstancedScene
 
 Int64 = NDArray[np.int64]
 
-# Count of numbers that is always allowed.
+# Total of triangle numbers that is always allowed, however many are unused.
 _FREE = 1 << 28
-# Maximum ratio of numbers to triangles above this count.
+# Maximum ratio of numbers to triangles if the total is above that.
 _WASTE = 1.25
 _MIN_SHIFT, _MAX_SHIFT = 4, 27
 
@@ -29,7 +29,7 @@ class InstanceNumbers:
     shift  : base-2 logarithm of the block size
     blocks : (I,) number of blocks of each instance
     more   : (I,) offset of an instance's triangle numbers from those of its mesh
-    end    : end of all numbers
+    end    : largest number + 1
     """
 
     instances: InstancedScene

@@ -116,7 +116,8 @@ UINT_LAYOUT: dict[str, dict[str, str]] = {
     },
     "punctual": {"KIND": "of a light: see LIGHT_POINT ...; 1 for quadratic falloff; 1 + number of its profile"},
 }
-# Relative deviation from a similarity up to which a sphere's map counts as round: rotations are rounded.
+# Relative deviation from a similarity up to which a sphere's map counts as round. It is not 0, because rotations
+# have rounding errors.
 _ROUND = 1e-12
 
 
@@ -162,7 +163,7 @@ class Numbering:
     """Numbers of the scene's primitives on the device.
 
     spheres         : (S,) int, index into `Scene.spheres` for each number: round spheres first, then ellipsoids
-    first_ellipsoid, first_triangle, first_plane, count : start of each kind, and the end
+    first_ellipsoid, first_triangle, first_plane, count : first number of each kind after spheres, and the end
     shape           : (count,) int32, index into `Scene.shapes` for each number
     """
 
