@@ -89,7 +89,7 @@ vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high)
     vec3 edges = vec3(
         length(cross(a, b - a).xy * c.z), length(cross(b, c - b).xy * a.z), length(cross(c, a - c).xy * b.z));
     float max_edge = max(edges.x, max(edges.y, edges.z)), rounding = 1e-6 * length(a) * length(b - a) * length(c - a);
-    bool wide = abs(volume) > 0.1 * max_edge + rounding;  // both sides: width in pixels, times the longest edge
+    bool wide = abs(volume) > 0.1 * max_edge + rounding;  // its smallest altitude exceeds 0.1 pixels
     return wide ? moved : around_rectangle(corner, low, high);
 }
 #endif
