@@ -10,7 +10,7 @@ _DEFINED = re.compile(r"(?P<negated>!\s*)?defined\s*\(?\s*(?P<name>\w+)\s*\)?\s*
 
 
 class Conditions:
-    """State of a shader's conditions, followed line by line. Lines under other kinds of #if count as kept.
+    """State of a shader's conditions, followed line by line. Lines under an #if of another form count as kept.
 
     defined : names that are defined before the first line
     """

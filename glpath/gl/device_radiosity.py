@@ -48,7 +48,7 @@ def radiosity_glsl() -> str:
 
 
 class Values(Protocol):
-    """Table to look up; see `glpath.radiosity.lookup.LookupTable`.
+    """Values of a radiosity solution to be looked up; see `glpath.radiosity.lookup.LookupTable`.
 
     corners      : (2, E, 3, 4) irradiance at the corners of the elements' fronts and backs, W m^-2, triangle after
                    triangle; the fourth channel is the included fraction of direct light, 0 to 1

@@ -87,7 +87,7 @@ class DeviceScene(Owner):
 
         geometry_budget : MiB for streamed triangles, for engines that support streaming
         lighting   : lighting whose densities the emitting triangles get, if it differs from the scene's own
-        deviations : deviation of each shape from the original, if the scene is a simplified one
+        deviations : deviation of each shape from the original, scene units, if the scene is simplified
         """
         self.gl = gl
         self.instances: InstanceNumbers | None = None

@@ -27,13 +27,13 @@ HELD = 80
 def asks_for_one_thread(threads: str | None) -> bool:
     """Return True if a value of LP_NUM_THREADS requests one thread.
 
-    With 0 the drawing thread itself does all work, which is as fast and needs no fence.
+    With 0 instead, the drawing thread itself does all work, which is as fast and needs no fence.
     """
     return threads is not None and threads.strip().isdigit() and int(threads) == 1
 
 
 class HeldFences:
-    """Fences of the last draws.
+    """Fences of the last `HELD` draws, which llvmpipe therefore does not free.
 
     address_of : function that returns the address of a GL function by its name
     """

@@ -312,7 +312,7 @@ class StreamedScan:
     name, target, state : arguments of the `Pass` for a chunk, which clears nothing
     shaders  : vertex and fragment shader, compiled with STREAMED_CHUNK
     parts    : includes of the shaders
-    kept     : destination of the records for shading; None for none
+    kept     : destination of the records for shading; None to store none
     words    : buffer of a scan of the path-buffer with the paths' hits of small triangles; None if all triangles
                are drawn
     """

@@ -62,7 +62,7 @@ class LightDraws:
     """Tables on the device for sampling the lights.
 
     lighting : lighting of a scene of triangles
-    lights   : punctual lights, in the order of the device's
+    lights   : punctual lights, in the order of `DeviceScene.lights`
     edges    : (parts + 1,) numbers in [0, 1] that divide the lights into parts; a path draws a sample from each
                part
     samples  : number of tree samples for each vertex, if a tree selects the lights with a position; then `edges`

@@ -164,7 +164,7 @@ def _bends(m: Material) -> bool:
 
 
 def _glass_cells(materials: Sequence[Material]) -> list[tuple[float, int, int]]:
-    """Return each refractive index of rough glass with its first `albedo_cells`, from outside and from inside."""
+    """Return each refractive index of rough glass, and its first `albedo_cells` from outside and from inside."""
     indices = dict.fromkeys(m.ior for m in materials if _bends(m))
     return [(ior, (2 * i + 2) * CELLS**2, (2 * i + 3) * CELLS**2) for i, ior in enumerate(indices)]
 

@@ -170,7 +170,7 @@ class Source:
 
 
 def _mentioned(defines: Mapping[str, object], text: str) -> dict[str, object]:
-    """Return the defines that a text mentions, directly or by other defines, so unused ones have no effect."""
+    """Return the defines that a text mentions, directly or by other defines, so unused ones change no program."""
     kept: dict[str, object] = {}
     searched = [text]
     while searched:

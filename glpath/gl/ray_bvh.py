@@ -232,7 +232,7 @@ class Slots:
         return table
 
     def children_boxes(self, boxes: NDArray[np.uint32], nodes: NDArray[np.int64]) -> NDArray[np.uint32]:
-        """Return (n, 3, 4) boxes of the children of wide nodes, by axis."""
+        """Return (n, 3, 4) packed bounds of the children's boxes of wide nodes, for each axis."""
         children = self.wide.children[nodes]
         found = np.where(children[:, :, None] >= 0, boxes[children], np.uint32(0))
         return np.asarray(found.transpose(0, 2, 1))

@@ -21,7 +21,7 @@ class Readback(NamedTuple):
     """Sums that were read back.
 
     radiance : (h, w, 3) float64, row 0 at the top; multiples of one power of two
-    low, high : (h, w) uint32, counts of events beside the sums
+    low, high : (h, w) uint32, event counts that are stored beside the sums, see accumulate.glsl
     """
 
     radiance: NDArray[np.float64]

@@ -103,7 +103,7 @@ class StoreRows:
 def make_store(
     gl: moderngl.Context, kind: Kind, layout: Layout, tables: Mapping[str, Rows], source: str
 ) -> tuple[moderngl.Texture, dict[str, object]]:
-    """Create a texture of the sections' tables, each (n, texels, 4), and the uniforms with their starts.
+    """Create a texture of the sections' tables, each (n, texels, 4), and uniforms with each section's first texel.
 
     Raises SceneError, which names the `source`, if the tables exceed the device's limit.
     """

@@ -50,13 +50,13 @@ struct Bsdf
     float sheen_alpha;    // alpha of Charlie's distribution
     // Coefficients of the logarithm of white sheen's albedo, a polynomial in the square root of the cosine.
     mat2x4 sheen_albedo;
-    vec4 sheen_lambda;    // b, c, d, e of Charlie's lambda
+    vec4 sheen_lambda;    // coefficients b, c, d, e of Charlie's lambda; sheen_lambda_a is a
     float sheen_lambda_a;
 #endif
     vec3 transmission;       // transmittance of glass, times the fraction of the surface that is glass
 #ifdef HAS_MULTIPLE_SCATTERING
-    vec3 metal_gain;    // factor of metal's lobe that compensates for multiple scattering
-    float glass_share;  // fraction of glass in the dielectric
+    vec3 metal_gain;    // factor on metal's lobe that compensates for multiple scattering
+    float glass_share;  // fraction of the dielectric that is glass
     float base_share;   // fraction of light that a dielectric transmits to the base; below 0: computed from the half vector's angle
 #endif
 #ifdef HAS_DIFFUSE_TRANSMISSION
@@ -248,7 +248,8 @@ float coat_reflects(Bsdf b, float cosine)
 #endif
 }
 
-// Fraction of light that the clearcoat takes from the layers below; `cosine`: between wo and the base's normal.
+// Fraction of light that the clearcoat reflects, so that the layers below lose it; `cosine`: between wo and the
+// base's normal.
 float coat_takes(Bsdf b, float cosine)
 {
 #ifdef HAS_COAT_NORMALS
@@ -259,7 +260,7 @@ float coat_takes(Bsdf b, float cosine)
 }
 
 #ifdef HAS_SHEEN
-// Directional albedo of white sheen.
+// Directional albedo of white sheen; `cosine`: between wo and the normal.
 float sheen_albedo(Bsdf b, float cosine)
 {
     float x = sqrt(clamp(cosine, 0.0, 1.0)), x2 = x * x;
@@ -557,7 +558,7 @@ Lobe coat_lobe(Bsdf b, vec3 wo, vec3 wi)
 }
 #endif
 
-// BRDF of all lobes except mirrors.
+// BRDF of all lobes except mirrors and smooth microfacets.
 vec3 bsdf_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     vec3 f = diffuse_eval(b, n, wo, wi);

@@ -126,7 +126,7 @@ struct BsdfSample
     vec3 weight;    // throughput factor of the direction, divided by its probability
     float pdf;  // density of the direction per solid angle
     bool through;   // true if the direction goes to the other side
-    bool straight;  // true if the direction passes a thin dielectric, which light samples see through
+    bool straight;  // true if the direction goes straight through a thin dielectric, as shadow rays do
 };
 
 // Samples a direction of microfacets, glass, clearcoat or a mirror. chosen: random number that chose the lobe,
@@ -154,7 +154,7 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
         vec3 m = smooth_one ? vec3(0.0, 0.0, 1.0) : sample_visible_normal(wo, alpha, is_beckmann, numbers);
         float cosine = dot(wo, m), part = coat ? 1.0 : reflected_part(b, cosine), chance = coat ? q.coat : q.microfacets;
         vec3 wi = reflect(-wo, m);
-        // Reuse the remainder of the random number that chose the lobe.
+        // The remainder of the random number that chose the lobe chooses between transmission and reflection.
         d.through = chosen - q.mirror - q.coat >= part * q.microfacets && !coat;
         if (d.through) {
 #ifdef HAS_GLASS
@@ -203,7 +203,7 @@ vec3 thin_transmittance(int triangle, vec3 origin, vec3 ray)
 #else
     Bsdf b = bsdf_of(s, front, vec3(1.0), vec2(1.0), 1.0);
 #endif
-    see_coat_along(b, s, front, wo);  // smooth, so energy compensation is not needed
+    see_coat_along(b, s, front, wo);  // the surface is smooth and needs no energy compensation
     float cosine = dot(shading_normal(s, front, wo), wo);
     if (b.eta > THIN_DIELECTRIC) return vec3(0.0);
     return glass_transmittance(b, cosine) * under_layers(b, cosine);

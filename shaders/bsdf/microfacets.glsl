@@ -6,8 +6,8 @@
 //         and shadowing are independent, as in glTF 2.0, B.3.2.
 #include <CONSTANTS>
 
-// Alpha of a roughness, along the tangent and across [KHR_materials_anisotropy]. With anisotropy, alpha across is at least
-// SMOOTH, because a perfect mirror has no density.
+// Converts a roughness to alpha, along the tangent and across it [KHR_materials_anisotropy]. With anisotropy, alpha
+// across is at least SMOOTH, because a perfect mirror has no density.
 vec2 ggx_alpha(float roughness, float anisotropy)
 {
     float across = roughness * roughness;

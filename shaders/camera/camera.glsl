@@ -8,8 +8,9 @@ uniform vec3 eye_position;  // common point of the rays, or a point ahead of it,
 uniform vec3 eye_right;
 uniform vec3 eye_up;
 uniform vec3 eye_forward;
-uniform float eye_ahead;   // distance of eye_position ahead of the eye; rays start in the plane there, because rays of a
-                           // distant eye would lose digits of their hits; 0: at the eye
+// Distance of eye_position ahead of the eye; 0 if it is the eye. Rays start in the plane through eye_position,
+// because hits far from the start of a ray lose digits.
+uniform float eye_ahead;
 uniform vec2 eye_focal;    // focal length: pixels per unit at distance 1, or pixels per scene unit for parallel rays
 uniform vec2 eye_centre;   // image position of eye_forward, pixels, minus the sample's position in its pixel
 uniform ivec2 eye_corner;  // lower left corner of the window in the image, pixels
@@ -17,7 +18,7 @@ uniform ivec2 eye_size;    // size of the window, pixels
 
 #ifdef EYE_LENS
 uniform uvec2 lens_point;  // point of the path set, in units of 2^-32
-uniform uint lens_seed;    // seed of the pixels' shifts
+uniform uint lens_seed;    // seed of the shifts by which pixels move the lens point
 uniform vec2 lens;         // x: radius of the lens; y: 1 / focus distance
 
 // Point of the lens from which the pixel's ray starts, scene units. It is the set's point, shifted for each pixel,

@@ -11,7 +11,7 @@ uniform uvec4 light_parts[PARTS];
 #ifdef HAS_ENVIRONMENT
 uniform int sky_halves;            // number of half rows of the map
 #ifdef HAS_SUN
-uniform float sun_share;           // fraction of the sky's light that the sun has
+uniform float sun_share;           // fraction of the sky's light that comes from the sun
 #endif
 #endif
 
@@ -59,7 +59,8 @@ vec3 map_drawn(vec3 u, out float weight)
         theta = 2.0 * asin(sqrt(0.5 * u.y * mass));
         if (lower < 0.0) theta = PI - theta;
         weight = 1.0;
-    } else if (int(of.y) == 2 * sky_rows_above - 1 || int(of.y) == 2 * sky_rows_above) {  // and beside a horizon that cuts the map
+    } else if (int(of.y) == 2 * sky_rows_above - 1 || int(of.y) == 2 * sky_rows_above) {
+        // Radiance is also constant beside a horizon across which the map is not interpolated.
         theta = 0.5 * PI + lower * asin(u.y * mass);
         weight = 1.0;
     } else {

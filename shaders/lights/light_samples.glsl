@@ -10,7 +10,7 @@ struct Incident
 {
     vec3 wi;
     float distance;  // distance to the light sample, infinite for the sky
-    vec3 E;          // irradiance over pi; 0 if the light faces away
+    vec3 E;          // irradiance divided by pi; 0 if the light faces away
 };
 
 Incident light_sample(int i, vec3 position, vec3 normal)

@@ -52,7 +52,7 @@ const int LEVELS_OF_A_NUMBER = 12;
 // The loops below test the condition of their start again inside. After a lane has left a loop, llvmpipe (22.3)
 // would otherwise continue to change the lane's values until the other lanes have left the loop.
 
-// Returns the light that a random number selects, and its probability: 0 if no light reaches the position.
+// Returns the light that a random number selects; chance: its probability, 0 if no light reaches the position.
 int light_of_tree(vec3 position, vec3 normal, uint number, out float chance)
 {
     float u = fraction(number);

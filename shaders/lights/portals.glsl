@@ -17,7 +17,7 @@ SeenRectangle seen_portal(int k, vec3 from)
     return seen_rectangle(portals[3 * k], portals[3 * k + 1], portals[3 * k + 2], from);
 }
 
-// Density of a light sample of the sky, from a position in a direction.
+// Density per solid angle, in a direction, of the sky's light samples that are drawn for a position.
 float sky_pdf(vec3 from, vec3 direction)
 {
     float through = 0.0, all_around = 0.0;
@@ -50,7 +50,7 @@ bool portal_drawn(vec3 from, float number, vec2 u, out vec3 wi)
     return all_around > 0.0;
 }
 
-// Draws a light sample of the sky: a direction whose density is `sky_pdf` over `weight`.
+// Draws a light sample of the sky: a direction whose density is `sky_pdf` divided by `weight`.
 vec3 sky_drawn(vec3 from, vec3 u, out float weight)
 {
     vec3 wi;

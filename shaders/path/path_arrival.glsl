@@ -1,4 +1,5 @@
-// path_arrival.glsl: vertex that the scan found for a path, and emission found there or in the sky.
+// path_arrival.glsl: vertex at which a path arrives, found by a scan, and the emission of its surface or of the
+// sky.
 // Needs:  surface.glsl, direct.glsl, path_next.glsl, ray_record.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 #include "gl/texels.glsl"
@@ -25,7 +26,7 @@ struct Arrival
     bool front;       // true if the path arrives on its front
     float t;          // distance from the previous vertex
     vec3 wo;          // unit direction back along the path
-    vec3 throughput;  // throughput without the reflection at this vertex
+    vec3 throughput;  // throughput before the reflection at this vertex
     vec4 radiance;    // radiance summed so far; a: events of the path, see accumulate.glsl
 };
 

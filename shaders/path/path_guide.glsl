@@ -4,7 +4,7 @@
 // Source: Clarberg et al. 2005, Wavelet importance sampling (hierarchical sample warping).
 #include <PATH_GUIDE>
 
-// Returns the index of the guide of an element's front.
+// Returns the index of the guide for the front of the element at a position.
 int guide_at(LatticePosition position)
 {
     int element = position.element;

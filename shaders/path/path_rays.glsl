@@ -57,7 +57,7 @@ const int MIRRORS = 1024;
 uniform int lookup_depth;         // diffuse bounces before the first vertex at which the solution may replace the path
 // Radical inverse of the path set's index; decides which paths continue at that vertex.
 uniform float correction_number;
-const float FIRST_CHANCE = 0.5;   // probability that a path continues at that vertex
+const float FIRST_CHANCE = 0.5;   // probability that a path continues at the first such vertex
 // At later vertices, the probability is this factor times the throughput, at most 1.
 const float LATER_CHANCE = 4.0;
 #endif
@@ -105,7 +105,7 @@ struct RayPath
 #endif
 #ifdef CONTROL_VARIATE
     int corrections;        // number of vertices at which the path continued although the solution was looked up
-    float weight;           // weight of light that leaves the vertex by the diffuse lobe
+    float weight;           // factor on the throughput of the diffuse lobe, see correct()
     // Factor on emission that the ray from that lobe hits, because the solution may include direct light.
     float emission_weight;
     float emission;         // factor on emission or sky that the current ray hits
@@ -638,7 +638,7 @@ vec4 trace_path(ivec2 fragment)
     if (texel(start_positions, pixel).w == 0.0) return vec4(0.0);
 #endif
     RayPath path = begin_path(pixel);
-    float seen = 1.0;  // weight of light that the eye sees directly
+    float seen = 1.0;  // weight of light that the eye sees directly, 0 if lamps_seen adds it
 #ifdef EMITTER_SILHOUETTES
     seen = lamps_seen(pixel, path.L) ? 0.0 : 1.0;
 #ifdef SPLIT_LIGHT

@@ -1,4 +1,4 @@
-// path_result.glsl: result of a scan for a path.
+// path_result.glsl: looks up the result of a scan for one path.
 // Needs: ray_record.glsl
 #include <CONSTANTS>
 #include "gl/texels.glsl"

@@ -25,7 +25,7 @@ uvec4 choose(uvec4 otherwise, uvec4 chosen, bvec4 which)
 
 void main()
 {
-    // An empty slot starts behind everything, so that nothing is beyond it.
+    // The z0 of an empty slot is behind everything, so that nothing is hit beyond it.
     z0 = vec4(INFINITE_DEPTH);
     position = uvec4(0u);
     slots = uvec4(NO_RAY);

@@ -44,7 +44,7 @@ vec2 grown_corner(vec2 before, vec2 here, vec2 after)
 {
     vec2 n1, n2;
     float c1, c2;
-    // Relative to the corner itself, because large coordinates would lose digits.
+    // The lines are relative to the corner itself, because large coordinates would lose digits.
     outer_line(vec2(0.0), here - before, n1, c1);
     outer_line(vec2(0.0), after - here, n2, c2);
     return here + meet(n1, c1, n2, c2);

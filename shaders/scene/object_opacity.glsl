@@ -4,7 +4,8 @@
 #include "scene/opacity.glsl"
 
 #ifdef HAS_ALPHA
-// to_eye: true if the ray travels from a light towards an eye.
+// Returns true if the primitive lets the ray through at its hit. to_eye: true if the ray travels from a light
+// towards an eye.
 bool primitive_lets_through(int primitive, vec3 origin, vec3 direction, float t, bool to_eye)
 {
     if (!is_see_through(shape_of(primitive))) return false;

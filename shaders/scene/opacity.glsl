@@ -58,7 +58,7 @@ bool alpha_lets_through(int material, float alpha, uint number, bool front)
     return mask ? opacity < cover.y : opacity_chance(number) >= opacity;
 }
 
-// weight: barycentric weights of the triangle's corners.
+// Returns true if light passes through a triangle. weight: barycentric weights of the triangle's corners.
 bool triangle_lets_through(int triangle, uvec4 face, vec3 weight, bool front)
 {
     int material = int(shape_texel(int(face.w), SHAPE_MATERIAL).x);

@@ -30,7 +30,7 @@ struct Surface
     vec3 vertex_normal;  // smooth normal without the normal map
 #endif
 #ifdef HAS_COAT_NORMALS
-    vec3 coat_normal;    // smooth normal of the clearcoat
+    vec3 coat_normal;    // shading normal of the clearcoat, on the front side
 #endif
     vec2 uv;
     vec2 uv1;      // second texture coordinates
@@ -64,7 +64,7 @@ void set_normal(inout Surface s, vec3 normal)
 #endif
 }
 
-// Returns a surface with all properties that depend on the shape.
+// Returns a surface with the properties that its shape determines, and defaults for all others.
 Surface surface_of_shape(int shape, vec3 position, vec3 normal)
 {
     uvec2 of_shape = shape_texel(shape, SHAPE_MATERIAL).xy;

@@ -32,7 +32,8 @@ void map_normals(inout Surface s, vec3 along_u, vec3 along_v)
 #endif
 }
 
-// linear: world_from_unit, of any scale; unit: point on the unit sphere.
+// Applies the normal maps of a sphere or ellipsoid. linear: world_from_unit, of any scale; unit: point on the unit
+// sphere.
 void map_normal_of_sphere(inout Surface s, mat3 linear, vec3 unit)
 {
     float across = max(dot(unit.xy, unit.xy), 1e-12);

@@ -7,7 +7,7 @@ uniform vec3 light_normal;
 uniform vec3 light_tangent;
 uniform vec3 light_bitangent;
 
-// Returns the face that a direction in the light sample's frame leaves through.
+// Returns the face through which a direction in the light sample's frame leaves the hemicube.
 int hemicube_face_of(vec3 p)
 {
     vec2 a = abs(p.xy);

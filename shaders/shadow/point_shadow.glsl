@@ -54,7 +54,8 @@ ShadowPosition shadow_home(int face, vec2 cell)
 }
 
 #ifdef SHADOW_IDENTITY
-// [TB (8)] An object is lit if the light sees it. Wrong for objects that shadow themselves.
+// Returns true if the light sees another object in this cell, or none [TB (8)]. This is wrong for objects that
+// shadow themselves.
 bool shadow_entry_hides(uvec4 seen, int object)
 {
     return seen.w == 0u || shape_of(int(seen.w) - 1) != object;

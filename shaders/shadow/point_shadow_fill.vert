@@ -69,7 +69,7 @@ void main()
     ivec2 low = ivec2(rectangle.x & 0xffffu, rectangle.x >> 16u);
     ivec2 high = ivec2(rectangle.y & 0xffffu, rectangle.y >> 16u);
     own_cells = ivec4(low, high);
-    // Corners 0 1 2 and 2 1 3.
+    // The two triangles have the corners 0 1 2 and 2 1 3.
     int corner = vertex < 3 ? vertex : vertex == 5 ? 3 : 5 - vertex;
     vec2 at = vec2((corner & 1) == 0 ? low.x : high.x + 1, (corner & 2) == 0 ? low.y : high.y + 1);
     int side = max(high.x - low.x, high.y - low.y) + 1;

@@ -37,7 +37,7 @@ layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // counts 
 #endif
 
 #ifdef HAS_ALPHA
-uint rays_cast = 0u;  // number of rays of the pixel
+uint rays_cast = 0u;  // number of rays cast for the pixel so far
 #endif
 
 // Point of a surface that a ray of the pixel has hit.
