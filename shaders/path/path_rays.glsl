@@ -45,7 +45,7 @@ int scattered = 0;
 #endif
 #ifdef GATHER
 uniform int lookup_depth;       // number of diffuse bounces after which the solution is looked up
-// a path continues if its segment is shorter than this, times a random number in [0, 1), times min_lookup_distance
+// A path continues if its segment is shorter than this, times a random number in [0, 1), times min_lookup_distance.
 uniform float lookup_distance;
 #endif
 #if defined(GATHER) || defined(CONTROL_VARIATE)
@@ -55,10 +55,10 @@ const int MIRRORS = 1024;
 
 #ifdef CONTROL_VARIATE
 uniform int lookup_depth;         // diffuse bounces before the first vertex at which the solution may replace the path
-// Radical inverse of the path set's index; decides which paths continue at that vertex.
+// Radical inverse of the path set's index; decides which paths continue at their first look-up.
 uniform float correction_number;
-const float FIRST_CHANCE = 0.5;   // probability that a path continues at the first such vertex
-// At later vertices, the probability is this factor times the throughput, at most 1.
+const float FIRST_CHANCE = 0.5;   // probability that a path continues at its first look-up
+// At later look-ups, the probability of continuing is this factor times the throughput, at most 1.
 const float LATER_CHANCE = 4.0;
 #endif
 
@@ -67,7 +67,7 @@ uniform ivec2 window_size;
 uniform int max_depth;               // maximum number of vertices of a path
 // Index of the vertex at which a path that roulette has not ended is cut, and counted as cut.
 uniform int cut_depth;
-// Russian roulette may end a path before each vertex from this index on (Arvo & Kirk 1990)
+// Russian roulette may end a path before each vertex from this index on (Arvo & Kirk 1990).
 uniform int roulette_depth;
 #ifdef HAS_GROUND
 #include "lights/ground.glsl"
@@ -106,12 +106,12 @@ struct RayPath
 #ifdef CONTROL_VARIATE
     int corrections;        // number of vertices at which the path continued although the solution was looked up
     float weight;           // factor on the throughput of the diffuse lobe, see correct()
-    // Factor on emission that the ray from that lobe hits, because the solution may include direct light.
+    // Factor on emission that the ray from the diffuse lobe hits, because the solution may include direct light.
     float emission_weight;
     float emission;         // factor on emission or sky that the current ray hits
 #endif
 #ifdef HAS_LOBES
-    float passed;      // distance from that vertex to the last thin dielectric that the ray passed, 0 if none
+    float passed;      // distance from the vertex of the last light samples to the last thin dielectric passed
     int bounces;       // number of diffuse bounces; mirrors and glass do not count for a gather
     bool was_diffuse;  // true if the last bounce was diffuse
 #if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)

@@ -9,7 +9,7 @@ uniform int first;  // index of the first primitive of this kind
 
 #ifdef SQUARES
 uniform int square_side;
-// X: item; y: index of the square | number of squares across << 20; see buffers/t_buffer.py.
+// For each square: x: item; y: index of the square | number of squares across << 20; see buffers/t_buffer.py.
 uniform usampler2D squares;
 flat out ivec4 own_pixels;   // first and last pixel of the square, so that no ray is shot twice
 #endif
