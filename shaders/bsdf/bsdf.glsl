@@ -78,7 +78,7 @@ struct Bsdf
     // Coefficients of the fraction of light that crosses the boundary to plastic's base: a polynomial in the square
     // root of the cosine.
     mat2x4 entry;
-    float entry_mean;  // that fraction for uniform light
+    float entry_mean;  // `entry` for uniform light
 #endif
 #endif
     // Refractive index of the far side over that of the near side. 0: thin, without refraction; THIN_DIELECTRIC:

@@ -1,4 +1,4 @@
-// path_bounds.frag: bounding rectangle of each view's live paths, in the plane across the view's direction, in two
+// path_bounds.frag: bounding rectangle of each view's live paths, in the plane perpendicular to its direction, in two
 // passes.
 // The first pass (FROM_PATHS) reduces blocks of path states to a small grid of bounds for each view. The second
 // pass reduces each grid to one texel.

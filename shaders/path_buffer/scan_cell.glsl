@@ -26,7 +26,7 @@ TEXELS(rgba32f, cell_nearest);
 #endif
 
 // Minimum distances of a hit, because a path starts within rounding of its own surface: a constant in scene
-// diameters, and a factor of the triangle's slope in depth per cell. Positions are exact to 3e-5 cells only, so a
+// diameters, and a factor on the triangle's slope in depth per cell. Positions are exact to 3e-5 cells only, so a
 // steep triangle has an error of depth.
 const float DEPTH_TOLERANCE = 2e-6;
 const float POSITION_TOLERANCE = 1e-4;
