@@ -1,5 +1,5 @@
-// path_bounds.frag: bounding rectangle of each view's live paths, in the plane perpendicular to its direction, in two
-// passes.
+// path_bounds.frag: bounding rectangle of each view's live paths, in the plane perpendicular to the view's
+// direction, found in two passes.
 // The first pass (FROM_PATHS) reduces blocks of path states to a small grid of bounds for each view. The second
 // pass reduces each grid to one texel.
 // Output: minima of u, v, -u, -v, so that both ends of the rectangle are minima.
