@@ -1,4 +1,4 @@
-"""Quantised boxes and triangle flags of the BVH for rays of paths, compiled or not: see `glpath.gl.ray_bvh`."""
+"""Quantised boxes and triangle flags of the BVH for rays, for all code that builds it: see `glpath.gl.ray_bvh`."""
 
 from __future__ import annotations
 
@@ -18,8 +18,12 @@ _STEPS = 65535
 
 @dataclass(frozen=True)
 class Grid:
-    """Quantisation grid of boxes: origin and step (3,), and the steps (3,) that boxes are padded by against
-    rounding."""
+    """Quantisation grid of boxes.
+
+    lower : (3,) origin, scene units
+    step  : (3,) size of a step, scene units
+    pad   : (3,) number of steps by which boxes are padded against rounding
+    """
 
     lower: NDArray[np.float64]
     step: NDArray[np.float64]
@@ -27,7 +31,7 @@ class Grid:
 
     @classmethod
     def around(cls, lower: NDArray[np.float64], upper: NDArray[np.float64], far: float) -> Grid:
-        """Return the grid over a box between two corners (3,). far: maximum coordinate of a ray's start."""
+        """Return the grid over a box between two corners (3,). far: largest |coordinate| of a ray's start."""
         far = max(far, 1e-30)
         extent = np.maximum(upper - lower, max(1e-6 * float((upper - lower).max()), 1e-9 * far))
         # A ray's start is a 32-bit float; far from the origin, its rounding error exceeds a step.
@@ -36,7 +40,7 @@ class Grid:
         return cls(lower - (pad + 1) * step, step, pad)
 
     def steps(self, lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.uint32]:
-        """Return (M, 3) boxes rounded outwards: lower corners in the low 16 bits, upper ones in the high bits."""
+        """Return boxes (M, 3) in steps, rounded outwards: lower corners in the low 16 bits, upper ones above."""
         low = np.clip(np.floor((lower - self.lower) / self.step - self.pad), 0, _STEPS).astype(np.uint32)
         high = np.clip(np.ceil((upper - self.lower) / self.step + self.pad), 0, _STEPS).astype(np.uint32)
         return np.asarray(low | high << np.uint32(16))

@@ -11,7 +11,8 @@ from glpath.sampling.points import concentric_disk
 from glpath.scene.model import Camera, Float64
 
 CENTRE = (0.5, 0.5)
-# Distance beyond which a camera counts as distant, in scene radii: there 32-bit floats resolve 1e-6 of the radius.
+# Distance from the scene beyond which a camera counts as distant, in scene radii. 32-bit floats there resolve 1e-6
+# of the radius.
 _DISTANT = 16.0
 
 
@@ -70,10 +71,12 @@ def eye_uniforms(
 
 
 def ahead_of(camera: Camera, centre: Float64, radius: float) -> float:
-    """Return how far ahead of a camera the rays towards objects in a sphere start: 0, unless the camera is distant.
+    """Return the distance ahead of a camera at which rays start if objects are in a sphere; 0 for a near camera.
 
-    Hits far from the start inherit the rounding error of the distance, which in 32 bits is more than scans
-    tolerate.
+    A hit has the rounding error of its distance from the ray's start. From a distant start, in 32 bits, this error
+    is more than scans tolerate.
+
+    centre, radius : sphere that contains the objects, scene units
     """
     to_centre = centre - camera.position
     if camera.projection == "panorama" or not np.linalg.norm(to_centre) > _DISTANT * radius:
@@ -82,7 +85,7 @@ def ahead_of(camera: Camera, centre: Float64, radius: float) -> float:
 
 
 def eye_centre(camera: Camera, pixel: tuple[float, float]) -> tuple[float, float]:
-    """Return the value of `eye_centre`, the uniform that depends on the position in each pixel."""
+    """Return the uniform `eye_centre`, which depends on the position in each pixel."""
     across, down = camera.centre
     return across + 0.5 - pixel[0], camera.resolution[1] - down - 0.5 + pixel[1]
 
@@ -109,7 +112,7 @@ def of_every_second(eye: dict[str, Any], offset: tuple[int, int], size: tuple[in
 
 
 def lens_uniforms(camera: Camera, lens: ArrayLike, seed: int) -> dict[str, object]:
-    """Return the uniforms for rays with one lens point each.
+    """Return the uniforms for rays that each have their own lens point.
 
     lens : (2,) in [0, 1), lens point of the path set; each pixel shifts it by numbers derived from the 32-bit seed
     """

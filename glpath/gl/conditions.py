@@ -10,7 +10,7 @@ _DEFINED = re.compile(r"(?P<negated>!\s*)?defined\s*\(?\s*(?P<name>\w+)\s*\)?\s*
 
 
 class Conditions:
-    """State of a shader's conditions, followed line by line. Lines under other kinds of #if count as kept.
+    """State of a shader's conditions, followed line by line. Lines under an #if of another form count as kept.
 
     defined : names that are defined before the first line
     """
@@ -47,7 +47,7 @@ class Conditions:
             self._names.add(re.split(r"\W", rest, maxsplit=1)[0])
 
     def _value(self, expression: str) -> bool | None:
-        """Return the value of terms `defined(NAME)` with !, && and ||; None for any other expression."""
+        """Return the value of `defined(NAME)` terms with !, && and ||; None if other terms leave it unknown."""
         either: bool | None = False
         for part in expression.split("||"):
             every: bool | None = True

@@ -21,7 +21,7 @@ MIN_NORMAL = np.uint32(0x00800000)
 #: `shaders/path/scan_word.glsl`.
 DEPTH_BASE = 1.0 / 16
 
-#: Bits of a path's number in a scan; the bits above hold the scan's epoch.
+#: Number of bits of a path's number in a scan; the bits above hold the scan's epoch.
 NUMBER_BITS = 20
 #: Result of a scan instead of a triangle's number if the ray hits nothing beyond its start.
 PATH_MISSED = -1
@@ -30,14 +30,14 @@ PATH_LOST = -2
 #: Result of a scan if the path was not launched.
 PATH_DEAD = -3
 
-#: Relative error of a hit point, as a fraction of the ray's length.
+#: Rounding error of a hit point, as a fraction of the ray's length and of the point's coordinates.
 RAY_ROUNDING = 2e-6
 
-#: Bits of a path's ray count, in one float with the number of lost rays above them.
+#: Number of bits of a path's ray count. The float that holds the count has the number of lost rays in higher bits.
 CAST_BITS = 11
-#: Bit from which a sum of events holds the number of dropped samples; the lost rays are below.
+#: First bit of the number of dropped samples in a sum of events; the bits below hold the number of lost rays.
 DROPPED_SHIFT = 20
-#: Bit from which a sum of positions holds the number of hits; below are the upper bits of the depth
+#: First bit of the number of hits in a sum of positions; the bits below hold the upper bits of the depth
 #: (`shaders/film/aov.glsl`).
 HITS_SHIFT = 16
 

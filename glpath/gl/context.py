@@ -24,7 +24,7 @@ the context are deleted by the next thread that has it (`opening.CollectingConte
 leaves the `with` block as usual.
 
 Each device may be tried in a separate process first, because a broken driver can end the process that queries it.
-Renders in a notebook's kernel do so.
+Renders in a notebook's kernel try devices in this manner.
 
 Costs:    about 20 ms on llvmpipe, up to a second on a hardware device, plus a Python start if the device is tried
           first; nothing when cached.
@@ -64,7 +64,7 @@ from glpath.system.interactive import around_cells, in_cell
 
 
 class _Kept:
-    """Token of a thread that keeps the context: it dies with the thread, and the context is released."""
+    """Token of a thread that keeps the context. Its collection, when the thread ends, releases the context."""
 
 
 @dataclass
@@ -74,7 +74,7 @@ class Context:
     `with context:` makes it current in this thread until the end of the block, unless the thread keeps it longer.
     Blocks may be nested. A thread waits for its turn; see the top of this module.
 
-    gl   : the moderngl context; a collected object frees its memory on the device
+    gl   : the moderngl context; an object that Python collects frees its memory on the device
     info : description of the device
     pid  : id of the process that created it
     """
@@ -140,7 +140,7 @@ class Context:
 
     def __exit__(self, *exception: object) -> None:
         if os.getpid() != self.pid:
-            return  # a fork within the block
+            return  # this is a fork that was made within the block
         outermost = self._turns.depth == 1
         try:
             if self._turns.last and not self._destroyed:
@@ -161,7 +161,7 @@ class Context:
             with self:
                 self._keep_in_cells()
             return
-        # Without `rendering`, a render that has begun would be refused its next step.
+        # Wait for a running render, because its next step would otherwise be refused the context.
         with self.rendering(), self:
             if not self._turns.kept:
                 self._here.kept = kept = _Kept()

@@ -37,7 +37,8 @@ OCCLUDER_LAYOUT: dict[str, dict[str, str]] = {
     },
 }
 _LEAF = 4
-# Relative padding of boxes, as a fraction of position and size; larger than the rounding error of their contents.
+# Padding of a box as a fraction of its maximum absolute coordinate; it exceeds the rounding error of the primitives
+# inside.
 _PAD = 2e-6
 
 

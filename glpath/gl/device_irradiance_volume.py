@@ -26,7 +26,7 @@ LAYOUT: dict[str, dict[str, str]] = {
 
 
 class Volume(Protocol):
-    """Table to look up; see `glpath.radiosity.irradiance_volume`.
+    """Irradiance volume to be looked up; see `glpath.radiosity.irradiance_volume`.
 
     lower, cell, size : lower corner (3,), scene units; side of a cell; number of cells (3,) along x, y, z
     rows   : (z, y, x) int32, index of each cell's row in `values`

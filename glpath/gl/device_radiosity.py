@@ -1,8 +1,8 @@
 """Radiosity solution on the device, looked up at a point of a triangle [PB A.4].
 
-Each triangle of the scene has its own lattice of elements, see `glpath.radiosity.mesh.lattice`. A point's position
-in it is an affine map, so a look-up costs the same for every mesh: three texels of the triangle, one of the element
-and three of its corners.
+Each triangle of the scene has its own lattice of elements, see `glpath.radiosity.mesh.lattice`. The lattice
+coordinates of a point are an affine map of its position, so a look-up costs the same for every mesh. It reads three
+texels of the triangle, one of the element and three of its corners.
 
 Cost:     48 bytes a triangle, 112 bytes an element, or 144 with the values for guides.
 """
@@ -43,12 +43,12 @@ _MAX_ELEMENTS = 1 << 24
 
 
 def radiosity_glsl() -> str:
-    """Return the layout as GLSL."""
+    """Return the layout as GLSL, for `#include <RADIOSITY>`."""
     return store_glsl("radiosity", FLOATS, LAYOUT)
 
 
 class Values(Protocol):
-    """Table to look up; see `glpath.radiosity.lookup.LookupTable`.
+    """Values of a radiosity solution to be looked up; see `glpath.radiosity.lookup.LookupTable`.
 
     corners      : (2, E, 3, 4) irradiance at the corners of the elements' fronts and backs, W m^-2, triangle after
                    triangle; the fourth channel is the included fraction of direct light, 0 to 1
@@ -77,7 +77,7 @@ class DeviceRadiosity:
     table     : see `Values`
     reflectance  : (2, T, 3) reflectance of the triangles' fronts and backs
     all_light    : True to include the irradiance with all light, for guides
-    volume       : irradiance on streamed triangles, if the scene has such
+    volume       : irradiance on streamed triangles; None if the scene has none
 
     Attributes
     ----------

@@ -46,7 +46,7 @@ from glpath.scene.digest import digest_of
 from glpath.scene.instances import InstancedScene
 from glpath.scene.model import Environment, Float64, Scene
 
-#: Maximum of a primitive's number + 1: of 32 bits, the T-buffer keeps two for the reliability of an entry.
+#: Maximum of a primitive's number + 1. Of 32 bits, the T-buffer uses two for the certainty of an entry.
 MAX_PRIMITIVES = 2**30 - 2
 
 
@@ -54,18 +54,18 @@ class DeviceScene(Owner):
     """All data of a scene that shaders read.
 
     given     : the scene as given
-    scene     : its resident part, in triangles and other primitives: without instances, and at the middle of the
+    scene     : resident part of the scene: triangles and other primitives, without instances; at the middle of the
                 shutter time if shapes move
-    instances : its instances; None if all geometry is in `scene`
+    instances : instances of the scene; None if all geometry is in `scene`
     numbering : assignment of numbers to primitives
     count     : number of all primitives
     triangle_count : number of triangles; in a scene of triangles only, their numbers are the primitives' numbers
     stream    : stream of triangles, numbered after all other primitives; None if the scene streams none
-    lighting  : all lights, as they are sampled
+    lighting  : sampling of all lights
     max_radiance : see `glpath.lights.lighting`
     lights    : punctual lights: first those with a position, then the directional ones
     textures  : textures for a `Pass`, by their names in GLSL
-    uniforms  : starts of the sections, and counts of primitives and lights
+    uniforms  : first texels of the sections, and counts of primitives and lights
     generated, defines : inputs of `load_program`; programs leave out the kinds that the scene lacks
     centre, radius : a sphere around all triangles and spheres, scene units
     box       : (8, 3) corners of the bounding box, relative to the centre
@@ -87,7 +87,7 @@ class DeviceScene(Owner):
 
         geometry_budget : MiB for streamed triangles, for engines that support streaming
         lighting   : lighting whose densities the emitting triangles get, if it differs from the scene's own
-        deviations : deviation of each shape from the original, if the scene is a simplified one
+        deviations : deviation of each shape from the original, scene units, if the scene is simplified
         """
         self.gl = gl
         self.instances: InstanceNumbers | None = None
@@ -166,7 +166,7 @@ class DeviceScene(Owner):
             "first_instanced": self.triangle_count,
             "instance_shift": 0 if self.instances is None else self.instances.shift,
             "light_count": len(lights),
-            "opacity_seed": 0,  # unless a render sets its own seed and the number of its path set
+            "opacity_seed": 0,  # a render may set its own seed, and the number of its path set
             "opacity_set": 0,
             **bases,
             **uint_bases,

@@ -72,7 +72,7 @@ class DeviceInfo:
 
 
 def chosen(backend: str, device: int | None) -> tuple[str, int | None]:
-    """Return backend and device after consulting the environment; a device number implies EGL or OSMesa."""
+    """Return backend and device after consulting the environment; a device number without a backend implies EGL."""
     source = "backend"
     if backend == "auto" and device is None:
         backend, source = os.environ.get("GLPATH_BACKEND") or "auto", "GLPATH_BACKEND"
@@ -96,7 +96,7 @@ def chosen(backend: str, device: int | None) -> tuple[str, int | None]:
 class Candidate:
     """A device on which no context was created yet.
 
-    software : True if EGL lists it as a software device; the name of its renderer may show more
+    software : True if EGL lists it as a software device; the renderer's name may reveal another one later
     node     : its device file, /dev/dri/..., if it has one
     """
 

@@ -1,7 +1,7 @@
 """Fences that llvmpipe must not free too early: a workaround for a use after free in Mesa.
 
-A scene of llvmpipe is all drawing to one framebuffer until the next. For each scene llvmpipe makes a fence, and its
-threads signal it: lock, count, broadcast, unlock. The drawing thread reads the count without the lock
+In llvmpipe, a scene is all drawing to one framebuffer until another is bound. Each scene gets a fence, and
+llvmpipe's threads signal it: lock, count, broadcast, unlock. The drawing thread reads the count without the lock
 (lp_fence_signalled) and may free the fence before the unlock. The unlock then writes into freed memory, and the
 process crashes seconds or hours later. A GL sync object holds a reference to the fence of the scene that it closes.
 One sync object per draw, deleted many draws later, keeps the fence until the threads have finished.
@@ -27,13 +27,13 @@ HELD = 80
 def asks_for_one_thread(threads: str | None) -> bool:
     """Return True if a value of LP_NUM_THREADS requests one thread.
 
-    With 0 the drawing thread itself does all work, which is as fast and needs no fence.
+    With 0 instead, the drawing thread itself does all work, which is as fast and needs no fence.
     """
     return threads is not None and threads.strip().isdigit() and int(threads) == 1
 
 
 class HeldFences:
-    """Fences of the last draws.
+    """Fences of the last `HELD` draws, which llvmpipe therefore does not free.
 
     address_of : function that returns the address of a GL function by its name
     """

@@ -41,7 +41,7 @@ _IN_THE_MAKING = 1000
 
 
 def facet_planes(triangles: Float64, normals: Float64) -> Float64:
-    """Return (T, 4): unit normals (T, 3) of triangles (T, 3, 3) and their dot products with a triangle's points."""
+    """Return planes (T, 4) of triangles (T, 3, 3): unit normals (T, 3), and each one's dot product with a point."""
     # The offset is computed from the rounded normal, because large coordinates would otherwise shift the plane.
     rounded = normals.astype(np.float32).astype(np.float64)
     offset = np.einsum("ij,ij->i", rounded, triangles.mean(axis=1))
@@ -108,7 +108,7 @@ class GeometryStream(Owner):
         corner_rows, plane_rows = (-(-texels // WIDTH) for texels in (3 * self.largest, self.largest))
         self._rows = corner_rows + plane_rows
         self._facet_base = corner_rows * WIDTH
-        # Triangles of a chunk to draw, if only some are drawn, in two views.
+        # Lists the triangles of a chunk that are drawn, if not all are; long enough for two views.
         self.listed = TriangleList(gl, 2 * self.largest)
 
     def records(self, size: tuple[int, int]) -> moderngl.Texture:
@@ -126,7 +126,7 @@ class GeometryStream(Owner):
         return texture
 
     def bits(self, size: tuple[int, int]) -> moderngl.Texture:
-        """Create a texture of (columns, rows) R32UI texels, which counts towards the budget as records do."""
+        """Create a texture of (columns, rows) R32UI texels; its bytes count towards the budget, like records."""
         texture = self.gl.texture(size, 1, dtype="u4")
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._records.append(texture)
@@ -147,7 +147,7 @@ class GeometryStream(Owner):
 
     @property
     def left(self) -> int:
-        """Bytes of the budget beyond all records and one chunk, for other forms of the triangles."""
+        """Bytes of the budget that records and one chunk leave, for other representations of the triangles."""
         return (self._budget << 20) - self._in_records - self._slot_bytes
 
     @property
@@ -156,7 +156,7 @@ class GeometryStream(Owner):
         return _IN_THE_MAKING * self.largest
 
     def leave_room(self, working: int, kept: int) -> None:
-        """Reserve bytes of the budget for others: `working` while no chunk is prepared, and `kept` permanently.
+        """Reserve bytes of the budget for other uses: `working` while no chunk is prepared, `kept` permanently.
 
         Raises UsageError if the budget has no room for them.
         """
@@ -194,8 +194,8 @@ class GeometryStream(Owner):
                     "chunk_shape": chunk.shape,
                 },
             )
-            # Without this, a driver would keep several chunks: llvmpipe a hundred megabytes of triangles still to
-            # be drawn.
+            # Otherwise a driver would hold several chunks at a time: llvmpipe, a hundred megabytes of triangles
+            # still to be drawn.
             self.gl.finish()
         self._read = None
 
@@ -216,7 +216,10 @@ class GeometryStream(Owner):
 
     @property
     def _beside(self) -> int:
-        """Bytes beyond records and slots: a chunk is prepared at one time, others work at another."""
+        """Bytes needed beyond records and slots: the larger of two needs that never coincide.
+
+        These are preparing a chunk, and the work of other users of the budget.
+        """
         working, kept = self._others
         return max(self.making + kept, working)
 
@@ -309,7 +312,7 @@ class StreamedScan:
     name, target, state : arguments of the `Pass` for a chunk, which clears nothing
     shaders  : vertex and fragment shader, compiled with STREAMED_CHUNK
     parts    : includes of the shaders
-    kept     : destination of the records for shading; None for none
+    kept     : destination of the records for shading; None to store none
     words    : buffer of a scan of the path-buffer with the paths' hits of small triangles; None if all triangles
                are drawn
     """
@@ -378,9 +381,12 @@ class StreamedScan:
 
 
 def before_planes(lower: Float64, upper: Float64, normals: Float64, offsets: Float64) -> NDArray[np.bool_]:
-    """Return (N,) bool: True if a box extends into the region normal . x > offset of each plane (P, 3), (P,).
+    """Return (N,) bool: True for a box that extends into the region normal . x > offset of every plane.
 
-    Each plane is tested separately.
+    Each plane is tested separately, so a box may pass that is outside the region common to all planes.
+
+    lower, upper     : (N, 3) corners of the boxes
+    normals, offsets : (P, 3) and (P,), the planes
     """
     centre, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
     farthest = centre @ normals.T + half @ np.abs(normals).T

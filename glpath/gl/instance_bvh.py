@@ -27,8 +27,8 @@ Uint32 = NDArray[np.uint32]
 
 # Half the size of a mesh in its own space.
 _HALF = 0.5
-# Stack entries for entering an instance: the rest of the current group, and the point where the ray leaves the
-# instance.
+# Number of stack entries that entering an instance needs: the rest of the current group, and the point where the
+# ray leaves the instance.
 _ENTERING = 2
 
 
@@ -86,7 +86,7 @@ class InstanceBvh:
 
 
 def _mesh_grid(inverse: Float64, instances: InstancedScene) -> Grid:
-    """Return the grid of all meshes; a distant ray starts there with the rounding error of its distance."""
+    """Return the grid of all meshes, padded for distant rays, whose starts have a large rounding error there."""
     lower, upper = instances.given.bounds
     stretch = float(np.linalg.norm(inverse, ord=2, axis=(1, 2)).max())
     half = np.full(3, _HALF)
@@ -107,7 +107,7 @@ def _instance_slots(
 
 
 def _taken_by_instances(world: CompiledSlots, items: int) -> NDArray[np.int64]:
-    """Return (I,) slots of the instances, the items from index `items` on, and mark them as nodes."""
+    """Return the (I,) slots of instances, the tree's items from index `items` on, and mark these slots as nodes."""
     taken = world.lanes <= -2 - items
     slots = np.empty(int(taken.sum()), np.int64)
     for lane in range(WIDTH):

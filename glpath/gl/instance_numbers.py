@@ -15,9 +15,9 @@ from glpath.scene.instances import InstancedScene
 
 Int64 = NDArray[np.int64]
 
-# Count of numbers that is always allowed.
+# Total of triangle numbers that is always allowed, however many are unused.
 _FREE = 1 << 28
-# Maximum ratio of numbers to triangles above this count.
+# Maximum ratio of numbers to triangles if the total is above that.
 _WASTE = 1.25
 _MIN_SHIFT, _MAX_SHIFT = 4, 27
 
@@ -29,7 +29,7 @@ class InstanceNumbers:
     shift  : base-2 logarithm of the block size
     blocks : (I,) number of blocks of each instance
     more   : (I,) offset of an instance's triangle numbers from those of its mesh
-    end    : end of all numbers
+    end    : largest number + 1
     """
 
     instances: InstancedScene
@@ -40,7 +40,7 @@ class InstanceNumbers:
 
     @classmethod
     def of(cls, instances: InstancedScene) -> InstanceNumbers:
-        """Assign numbers in the largest blocks that waste few numbers."""
+        """Assign numbers, in the largest blocks that waste few numbers (`_FREE`, `_WASTE`)."""
         sizes = np.array([part.stop - part.start for part in instances.ranges])[instances.mesh]
         limit = max(_FREE, _WASTE * float(sizes.sum()))
         for shift in range(_MAX_SHIFT, _MIN_SHIFT - 1, -1):
@@ -56,7 +56,7 @@ class InstanceNumbers:
         return np.concatenate([np.eye(3, 4)[None], self.instances.world_from_mesh])
 
     def block_table(self) -> Int64:
-        """Return (1 + blocks, 3): 1 + the instance, 1 + its shape, `more`.
+        """Return (1 + blocks, 3): number of the instance + 1, number of its shape + 1, and `more`.
 
         The first row is zero, for triangles of no instance.
         """

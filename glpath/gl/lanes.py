@@ -1,9 +1,9 @@
-"""Vector lanes that share their random numbers: the order in which the pixels of a window are traced.
+"""Order in which the pixels of a window are traced, so that the lanes of a vector share their random numbers.
 
 Sharing changes neither the error of a pixel nor that of its neighbourhood, because pixels that share numbers are
 `STRIDE` apart. benchmarks/experiments.md has the gain. See shaders/path/lanes.glsl.
 
-Poor at:  means over few pixels that share numbers; therefore measurement points do not share any.
+Poor at:  averages of a few pixels that share numbers; therefore measurement points do not share any.
 """
 
 from __future__ import annotations

@@ -2,11 +2,11 @@
 
 The samples and their density are defined in `glpath.lights.lighting`, as are the samples that a path set shares.
 The lights are divided into pieces: a side of an emitting triangle, a punctual light, the sky. A range of numbers in
-[0, 2^32) selects each piece. With a light tree (`glpath.lights.tree`), the tree selects the lights with a position,
-and numbers the others. An environment map has tables of its rows and columns as well.
+[0, 2^32) selects each piece. With a light tree (`glpath.lights.tree`), the tree selects among the lights with a
+position, and such ranges select the others. An environment map has tables of its rows and columns as well.
 
 Cost:     16 bytes for each side of an emitting triangle, 80 with a tree; 4 for each texel of an environment map. A
-          path's sample takes a search among the pieces or a descent of the tree, and the corners of a triangle.
+          path's sample costs a search among the pieces or a descent of the tree, and reads a triangle's corners.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class LightDraws:
     """Tables on the device for sampling the lights.
 
     lighting : lighting of a scene of triangles
-    lights   : punctual lights, in the order of the device's
+    lights   : punctual lights, in the order of `DeviceScene.lights`
     edges    : (parts + 1,) numbers in [0, 1] that divide the lights into parts; a path draws a sample from each
                part
     samples  : number of tree samples for each vertex, if a tree selects the lights with a position; then `edges`
@@ -120,7 +120,7 @@ class LightDraws:
 
 
 def by_portals(lighting: Lighting) -> bool:
-    """Return True if light samples of the sky go through portals."""
+    """Return True if light samples of the sky are drawn through portals."""
     return lighting.sky is not None and len(lighting.scene.portals) > 0
 
 

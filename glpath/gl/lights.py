@@ -14,7 +14,7 @@ Uniforms = dict[str, object]
 
 
 def sample_uniforms(light: LightSample) -> Uniforms:
-    """Return the uniforms of a path set's light sample; the uniforms of the shadow-buffer contain its frame."""
+    """Return the uniforms of a path set's light sample, except its frame, which the shadow-buffer's include."""
     return {
         "light_kind": LIGHT_KINDS.index(light.kind),
         "light_radiance": tuple(light.radiance),
@@ -26,7 +26,7 @@ def sample_uniforms(light: LightSample) -> Uniforms:
 
 
 def sky_uniforms(sky: Sky | Environment | None, lighting: Lighting | None = None) -> Uniforms:
-    """Return uniforms of the sky, which is black if there is none; with `lighting`, also its sampling density."""
+    """Return uniforms of the sky, black if `sky` is None; with `lighting`, also the sky's sampling density."""
     uniforms: Uniforms
     if isinstance(sky, Environment):
         middle, _, up = sky.frame

@@ -1,4 +1,4 @@
-"""Limits of a device and the values that rendering needs, for the comparison of `glpath doctor`.
+"""Limits of a device and the values that rendering needs; `glpath doctor` compares them.
 
 All needed values are within the guarantees of OpenGL 4.3, so a device with less has no OpenGL 4.3. A test checks
 the numbers against the actual programs.
@@ -16,7 +16,7 @@ from glpath.gl.context import Context
 class Limit(NamedTuple):
     """Limit of a device.
 
-    number : value of GL's name, for glGetIntegerv
+    number : the limit's GL enum, for glGetIntegerv
     needed : minimum value for rendering
     use    : purpose of the limit
     """

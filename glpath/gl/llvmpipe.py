@@ -2,9 +2,9 @@
 
 - llvmpipe calls a function of some 180 instructions for a texelFetch, but inlines a third as many for an imageLoad;
   `shaders/gl/texels.glsl` selects between both.
-- It fetches a uniform lane by lane, with some 30 instructions a component. A fragment shader does so everywhere,
-  other shaders within a branch or a loop, because the first lane may be idle there. A flat input of a fragment
-  shader costs one or two instructions, and so does a value that a compute shader fetches at its start.
+- It fetches a uniform lane by lane, with some 30 instructions a component. Fragment shaders do this everywhere.
+  Other shaders do it within a branch or a loop, because the first lane may be idle there. A flat input of a
+  fragment shader costs one or two instructions, and so does a value that a compute shader fetches at its start.
 
 The functions here rewrite shaders line by line; `program` calls them if the driver needs this dialect.
 """
@@ -21,12 +21,12 @@ from glpath.errors import ShaderError
 from glpath.gl.conditions import Conditions
 
 TEXELS = ("auto", "image", "fetch")
-#: Vertex shader of passes over all texels: the outputs of its three vertices cost nothing.
+#: Vertex shader of passes over all texels. Its outputs cost nothing, because it runs for three vertices only.
 FULLSCREEN = "gl/fullscreen.vert"
 
 _IMAGE = "_as_image"
-#: Suffix of the uniform if the shader reads something else by the plain name. Not a macro, because fields may have
-#: such a name too.
+#: Suffix of a uniform if the shader uses its plain name for a variable with its value. A macro cannot rename the
+#: uniform, because struct fields may have the same name.
 _GIVEN = "_given"
 _TEXELS = re.compile(r"^\s*(?:UINT_)?TEXELS\(\w+, (?P<name>\w+)\);")
 _UNIFORM = re.compile(
@@ -46,12 +46,12 @@ def is_spoken(gl: moderngl.Context) -> bool:
 
 
 def uniform_name(name: str) -> str:
-    """Return the name in the shader's file of a uniform, from the driver's name."""
+    """Return the name of a uniform in the shader's file, from the name that the driver reports."""
     return name.removesuffix(_IMAGE).removesuffix(_GIVEN)
 
 
 def image_texels(line: str) -> str:
-    """Rename texels that are read as images.
+    """Return a line, after a macro that renames the texels that the line declares, because they become images.
 
     A name must not be an image in the fragment shader and a sampler in the vertex shader.
     """
@@ -62,7 +62,7 @@ def image_texels(line: str) -> str:
 def fetch_at_start(line: str) -> str:
     """Return a uniform's declaration with a global variable that holds its value, fetched before any branch.
 
-    The maximum changes no value; a plain copy would be fetched at each use.
+    max() changes no value. It keeps llvmpipe from fetching the uniform at each use, as it would for a plain copy.
     """
     uniform = _UNIFORM.match(line)
     if not uniform or uniform["array"] or "u" in uniform["type"]:

@@ -111,7 +111,7 @@ MATERIAL_VARIANTS = {
 
 
 def material_variants(materials: Sequence[Material]) -> dict[str, bool]:
-    """Return for each variant if some material needs it, for `defined`."""
+    """Return for each variant True if some material needs it, as arguments of `defined`."""
     return {name: any(map(each.asked_by, materials)) for name, each in MATERIAL_VARIANTS.items()}
 
 
@@ -164,7 +164,7 @@ def _bends(m: Material) -> bool:
 
 
 def _glass_cells(materials: Sequence[Material]) -> list[tuple[float, int, int]]:
-    """Return each refractive index of rough glass with its first `albedo_cells`, from outside and from inside."""
+    """Return each refractive index of rough glass, and its first `albedo_cells` from outside and from inside."""
     indices = dict.fromkeys(m.ior for m in materials if _bends(m))
     return [(ior, (2 * i + 2) * CELLS**2, (2 * i + 3) * CELLS**2) for i, ior in enumerate(indices)]
 
@@ -197,8 +197,8 @@ def material_table(materials: Sequence[Material]) -> Float64:
             ],
             _dielectric(m),
             [m.clearcoat, m.clearcoat_roughness, 0, 0],
-            # An opaque material must not count as solid glass, whose formula would change its reflection. A slab
-            # has its index where another thin dielectric has 1.
+            # An opaque material must not count as solid glass, whose formula would change its reflection. The last
+            # number is the refractive index of a slab, and 1 for any other thin dielectric.
             [
                 m.transmission,
                 m.ior,

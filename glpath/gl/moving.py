@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from glpath.errors import SceneError
 from glpath.scene.model import Float64, Mesh, Scene, Shape, Shapes
 
-# Number of sampled times for the bounds; between two samples, a point moves no farther than the sampled step.
+# Number of times at which motion is sampled for the bounds. Between two samples, no point is taken to move farther
+# than the longest step between samples.
 _TIMES = 65
-# Relative tolerance for the size of a moving emitter, for rounding.
+# Relative tolerance within which a moving emitter keeps its size, for rounding.
 _RIGID = 1e-9
 
 
@@ -73,7 +74,10 @@ class MovingScene:
         self.pose = Shapes(self.scene.shapes[i].at(time) for i in self.shapes)
 
     def corners(self) -> Float64:
-        """Return (T, 3, 3) all triangles as the device has them now; the next call overwrites the same array."""
+        """Return the corners (T, 3, 3) of all triangles at the time of `move_to`, rounded as on the device.
+
+        The next call overwrites the same array.
+        """
         self._corners[self.triangles] = _rounded(self.pose.triangles)
         return self._corners
 

@@ -50,7 +50,8 @@ class CollectingContext(NamingContext):
     """
 
     holder: int | None
-    _this_thread = staticmethod(threading.get_ident)  # modules are gone when the last objects are deleted
+    # Kept here, because modules may be gone when the last objects are deleted.
+    _this_thread = staticmethod(threading.get_ident)
 
     @property  # type: ignore[override]  # its declared type lacks None
     def gc_mode(self) -> str | None:
@@ -67,7 +68,7 @@ class CollectingContext(NamingContext):
 class Opened:
     """Opened device with its context, which is not current in any thread.
 
-    loader : `__enter__` makes the context current in this thread, and `__exit__` releases it
+    loader : context manager that makes the context current in this thread and releases it at the end
     """
 
     gl: CollectingContext

@@ -1,4 +1,4 @@
-"""Visibility from points out of a scene along common directions: any-hit rays, one bit for each.
+"""Visibility from points out of a scene along directions that all points share: any-hit rays, one bit each.
 
 Points are sorted along a Z curve and stored so in squares of texels. The lanes of a vector are then neighbours and
 have one direction, so their rays visit the same nodes of the BVH. The triangle that occluded the previous direction

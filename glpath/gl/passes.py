@@ -26,8 +26,9 @@ BLENDS: dict[str, tuple[int, tuple[int, int]]] = {
 }
 
 
-#: Maximum ray-primitive tests in one draw if a shader loops over primitives: some tenths of a second on a slow
-#: graphics card. A system's watchdog ends a program whose draw takes longer than a few seconds (Windows: two).
+#: Maximum number of ray-primitive tests in one draw of a shader that loops over primitives. They take some tenths
+#: of a second on a slow graphics card. A system's watchdog ends a program whose draw takes longer than a few
+#: seconds (Windows: two).
 TESTS_PER_DRAW = 1 << 28
 
 
@@ -51,7 +52,7 @@ def largest_point(gl: moderngl.Context) -> int:
 
 
 def _check_textures(name: str, program: Program, textures: Mapping[str, moderngl.Texture]) -> None:
-    """Check that each texture of the program is given; it may use fewer textures than a family of passes offers."""
+    """Check that each texture of the program is given; a family of passes may offer more than the program uses."""
     missing = (set(program.samplers) | set(program.images)) - set(textures)
     assert not missing, f"{name}: no texture for {sorted(missing)}"
 
@@ -93,20 +94,20 @@ class TriangleIndices:
 class Pass:
     """One draw: a program and the target, blend, depth and viewport state it depends on.
 
-    name     : the paper's word for the stage; used in timings, GL debug groups and errors
+    name     : name of the stage in the paper; used in timings, GL debug groups and errors
     target   : framebuffer drawn to
     area     : (x, y, width, height) of the target that is drawn to and cleared; None for the whole target
     vertices : number of vertices per instance; no vertex buffers exist, vertices are pulled by gl_VertexID
     triangles : triangles to draw by index: gl_VertexID is a vertex of the scene
     blend    : None, "min", "max" or "add", for all attachments
-    depth    : test and write depth (less)
+    depth    : True to test depth (a fragment passes if it is nearer) and to write it
     clear    : colour that floats are cleared to before the draw (integers to 0), or None to keep the contents
     elements : a buffer of uint32, the gl_VertexID of every vertex, instead of 0, 1, 2 ...
     indirect : a buffer whose first words, written on the device, define the draw, instead of `vertices`: five words
                with `elements`, otherwise four
     points   : draw squares of gl_PointSize pixels about the vertices, not triangles; see `largest_point`
     buffers  : storage buffers by their binding, only for the fragment shader, because OpenGL 4.3 guarantees none to
-               a vertex shader; the next pass may use them at once
+               a vertex shader; a barrier follows the draw, so the next pass may use them at once
     written  : images among the textures that its fragment shader also writes
     """
 
@@ -147,7 +148,7 @@ class Pass:
         target.viewport = area
         target.scissor = None  # type: ignore[assignment]
         target.use()
-        gl.enable_only(self._flags)  # no culling either
+        gl.enable_only(self._flags)  # this also disables culling
         gl.wireframe = False
         gl.polygon_offset = (0.0, 0.0)
         for i in range(self.clip_distances):
@@ -225,7 +226,7 @@ def run_in_areas(
 class Dispatch:
     """One run of a compute shader with its inputs and outputs.
 
-    name    : the paper's word for the stage
+    name    : name of the stage in the paper
     buffers : buffers by their binding; the next pass may read them at once
     """
 

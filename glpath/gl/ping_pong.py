@@ -10,7 +10,7 @@ P = TypeVar("P")
 
 
 class PingPong(Generic[T]):
-    """Two objects of a kind, one to read and one to write, until `swap`."""
+    """Two objects of the same type, one to read and one to write, until `swap`."""
 
     def __init__(self, read: T, write: T) -> None:
         self._both = (read, write)

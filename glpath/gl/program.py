@@ -86,7 +86,7 @@ _compiled: WeakKeyDictionary[moderngl.Context, _Compiled] = WeakKeyDictionary()
 
 
 def forget_programs(gl: moderngl.Context) -> None:
-    """Forget all programs of a context, which would keep it alive."""
+    """Forget all programs of a context, because they would keep the context alive."""
     _compiled.pop(gl, None)
 
 
@@ -170,7 +170,7 @@ class Source:
 
 
 def _mentioned(defines: Mapping[str, object], text: str) -> dict[str, object]:
-    """Return the defines that a text mentions, directly or by other defines, so unused ones have no effect."""
+    """Return the defines that a text mentions, directly or by other defines, so unused ones change no program."""
     kept: dict[str, object] = {}
     searched = [text]
     while searched:
@@ -306,7 +306,7 @@ def _flattened(
 
     inputs : see `_for_llvmpipe`; None if shaders are not rewritten for llvmpipe
     """
-    # Their order is part of the key, because it is the order of the #define lines.
+    # The order of the defines is part of the key, because the #define lines have the same order.
     texts = tuple((name, str(value)) for name, value in defines.items())
     key = (shader_folder(), inputs, tuple(stages.items()), tuple(generated.items()), texts)
     sources = _sources.get(key)
@@ -342,7 +342,7 @@ def _for_llvmpipe(
         "compute_shader": (llvmpipe.image_texels, llvmpipe.fetch_at_start),
     }
     images = {**defines, "TEXELS_ARE_IMAGES": 1}
-    # OpenGL does not guarantee images to a vertex shader.
+    # The vertex shader reads textures without images, because OpenGL does not guarantee it any.
     sources = {
         stage: Source(name, generated, images if stage in rewrites else defines, rewrites.get(stage, ()))
         for stage, name in stages.items()

@@ -2,8 +2,8 @@
 
 The tree has up to four children a node. Boxes are in 16-bit steps of the scene's box. Each node stores the order in
 which rays of each octant of directions visit its children. A leaf holds one item: a triangle, or two that form a
-parallelogram. Nodes and items lie in slots of the same size. The children of a node are four adjacent slots, a
-group. So a ray keeps a group's number and a bit for each unvisited child.
+parallelogram. Nodes and items lie in slots of the same size. The children of a node are four adjacent slots, called
+a group. A ray therefore stores only a group's number and a bit for each unvisited child.
 
 Cost:     some 100 bytes a triangle. Building takes half a second for 20,000 triangles; for many, compiled code
           takes a second for two million on two cores.
@@ -44,9 +44,10 @@ LAYOUT: dict[str, dict[str, str]] = {
     },
 }
 _NO_TRIANGLE = np.uint32(0xFFFFFFFF)
-# Number of groups that a ray's word can address, beside the bits of the children and their order.
+# Number of groups that one 32-bit word of a ray can address, beside the bits of the children and their order.
 _NEAR_GROUPS = 1 << 20
-# Number of triangles from which compiled code builds the tree; its first use takes some seconds of compiling.
+# Minimum number of triangles for which compiled code builds the tree; its first use takes some seconds of
+# compiling.
 _MANY = 200_000
 # Stack sizes are rounded up to multiples of this, so that trees of similar depth share programs.
 _STACKS = 4
@@ -184,7 +185,7 @@ def _compiled(scene: DeviceScene, paths: NDArray[np.int64]) -> _Built:
 
 
 class _Built(NamedTuple):
-    """Result of building on the CPU.
+    """Tree that was built on the CPU, and its slots.
 
     items : (N, 3), see `_items`
     table : slots of the tree
@@ -231,7 +232,7 @@ class Slots:
         return table
 
     def children_boxes(self, boxes: NDArray[np.uint32], nodes: NDArray[np.int64]) -> NDArray[np.uint32]:
-        """Return (n, 3, 4) boxes of the children of wide nodes, by axis."""
+        """Return (n, 3, 4) packed bounds of the children's boxes of wide nodes, for each axis."""
         children = self.wide.children[nodes]
         found = np.where(children[:, :, None] >= 0, boxes[children], np.uint32(0))
         return np.asarray(found.transpose(0, 2, 1))
@@ -308,7 +309,7 @@ def _item_table(
 ) -> NDArray[np.uint32]:
     """Return (N, 3, 4) texels of items. flags: (T,) flags of the triangles."""
     first, opposite, k = items.T
-    # Start at the corner that the other triangle of the pair lacks, if there is one.
+    # Start at the corner that the other triangle of the pair lacks, if the item is a pair.
     corner, b, c = (triangles[first, (k + i) % 3] for i in range(3))
     table = np.zeros((len(items), 3, 4), np.uint32)
     table[:, :, :3] = np.stack([corner, b - corner, c - corner], axis=1).astype(np.float32).view(np.uint32)
@@ -333,7 +334,7 @@ def _items(triangles: NDArray[np.float64], paths: NDArray[np.int64] | None = Non
         size = np.ptp(a, axis=1).max(axis=1)[:, None, None]
         for k in range(3):
             p, s1, s2 = a[:, k], a[:, (k + 1) % 3], a[:, (k + 2) % 3]
-            # The other triangle has the two opposite corners and the corner that completes the parallelogram.
+            # The other triangle must have the corners s1 and s2, and the corner that completes the parallelogram.
             wanted = np.stack([s1, s2, s1 + s2 - p], axis=1)
             near = np.abs(wanted[:, :, None] - b[:, None]).max(axis=3) <= 1e-6 * size
             lacks[:-1][near.any(axis=2).all(axis=1) & near.any(axis=1).all(axis=1)] = k

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 
-# Constant cost of a node beside its area, in areas of an item's box. It saves a tenth of the memory; rays visit at
-# most 0.5 % more nodes.
+# Constant cost of a node, added to the area of its box, as a multiple of the median area of an item's box. It saves
+# a tenth of the memory; rays visit at most 0.5 % more nodes.
 _FILLING = 2.0
 # Number of items in the sample for the median box area.
 _ASKED = 1 << 16
@@ -55,7 +55,7 @@ def item_boxes(vertices: Float32, faces: Int32, items: Int32) -> Float32:
 
 
 def tree_over(boxes: Float32) -> WideBvh:
-    """Build the tree over boxes (N, 6), and change their order."""
+    """Build the tree over boxes (N, 6), lower and upper corners. Reorders the array of boxes."""
     tree = build_in_threads(boxes)
     x, y, z = (boxes[:: max(1, len(boxes) // _ASKED), 3:] - boxes[:: max(1, len(boxes) // _ASKED), :3]).T
     return collapse_compiled(tree, _FILLING * float(np.median(x * y + y * z + z * x)))
@@ -87,7 +87,7 @@ class CompiledSlots:
     geometry : vertices (V, 3), faces (T, 3), items (N, 3)
     flags    : (T,) uint8, flags of the triangles
 
-    The tree is not kept.
+    The tree itself is not stored.
     """
 
     def __init__(
@@ -113,7 +113,10 @@ class CompiledSlots:
 
 @kernel
 def _lacking(vertices, faces, paths, begin, end, lacks):  # type: ignore[no-untyped-def]
-    """Find the corner that the next triangle lacks if both form a parallelogram, or -1, for `begin` to `end`."""
+    """For triangles `begin` to `end`, find the corner that the next triangle lacks if both form a parallelogram.
+
+    It is -1 if they form none.
+    """
     for i in range(begin, end):
         lacks[i] = -1
         if i + 1 == len(faces) or (len(paths) and paths[i] != paths[i + 1]):
@@ -128,7 +131,8 @@ def _lacking(vertices, faces, paths, begin, end, lacks):  # type: ignore[no-unty
             size = max(size, max(a, b, c) - min(a, b, c))
         for k in range(3):
             p, s1, s2 = faces[i, k], faces[i, (k + 1) % 3], faces[i, (k + 2) % 3]
-            # Bits of the wanted corners that the next triangle has, and of its own corners that are wanted.
+            # Bits of the three wanted corners that the next triangle has, and of the next triangle's corners that
+            # are wanted.
             wanted, own = 0, 0
             for corner in range(3):
                 q = faces[i + 1, corner]
@@ -147,7 +151,7 @@ def _lacking(vertices, faces, paths, begin, end, lacks):  # type: ignore[no-unty
 
 @kernel
 def _items(lacks, items):  # type: ignore[no-untyped-def]
-    """Fill the items and return their number. In a run of pairs every other one is taken."""
+    """Fill the items and return their number. In a run of overlapping pairs, every other pair is taken."""
     count, i = 0, 0
     while i < len(lacks):
         pair = lacks[i] >= 0

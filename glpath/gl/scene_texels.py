@@ -116,7 +116,8 @@ UINT_LAYOUT: dict[str, dict[str, str]] = {
     },
     "punctual": {"KIND": "of a light: see LIGHT_POINT ...; 1 for quadratic falloff; 1 + number of its profile"},
 }
-# Relative deviation from a similarity up to which a sphere's map counts as round: rotations are rounded.
+# Relative deviation from a similarity up to which a sphere's map counts as round. It is not 0, because rotations
+# have rounding errors.
 _ROUND = 1e-12
 
 
@@ -130,7 +131,7 @@ def scene_glsl() -> str:
     lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
     lines += ["uniform int first_instanced;", "uniform int instance_shift;"]
     lines += ["uniform int primitive_count;", "uniform int light_count;"]
-    # Streamed triangles have the numbers from here on.
+    # Numbers from first_streamed on are those of streamed triangles.
     lines += ["#ifdef STREAMED", "uniform int first_streamed;", "uniform int stream_count;", "#endif"]
     lines += [f"const uint LIGHT_{kind.upper()} = {i}u;" for i, kind in enumerate(LIGHT_KINDS)]
     lines += [f"const int ALBEDO_CELLS = {CELLS};", *sheen_glsl()]
@@ -162,7 +163,7 @@ class Numbering:
     """Numbers of the scene's primitives on the device.
 
     spheres         : (S,) int, index into `Scene.spheres` for each number: round spheres first, then ellipsoids
-    first_ellipsoid, first_triangle, first_plane, count : start of each kind, and the end
+    first_ellipsoid, first_triangle, first_plane, count : first number of each kind after spheres, and the end
     shape           : (count,) int32, index into `Scene.shapes` for each number
     """
 
@@ -230,7 +231,7 @@ def float_tables(
     """Return the sections of FLOAT_LAYOUT, each (n, texels, 4), for `make_store`.
 
     lighting  : lighting with the densities of emitting triangles
-    lights    : punctual lights, in the order of the device's
+    lights    : punctual lights, in the order of `DeviceScene.lights`
     densities : result of `triangle_densities`
     has       : names that programs are compiled with: HAS_VERTEX_NORMALS, ...
     instances : instances whose resident part is `scene`; None if the scene has none
@@ -271,8 +272,8 @@ def uint_tables(
 ) -> dict[str, NDArray[Any]]:
     """Return the sections of UINT_LAYOUT, each (n, 1, 4) or (n, texels, 4), for `make_store`.
 
-    lights     : punctual lights, in the order of the device's
-    deviations : deviation of each shape from the original, if the scene is a simplified one
+    lights     : punctual lights, in the order of `DeviceScene.lights`
+    deviations : deviation of each shape from the original, scene units, if the scene is simplified
     instances  : instances whose resident part is `scene`; None if the scene has none
     """
     triangles = np.s_[numbers.first_triangle : numbers.first_plane]
@@ -320,7 +321,7 @@ def facets(triangles: Float64) -> Float64:
 
 
 class _Facets:
-    """Facet planes of a scene, computed as they are written, because computing all takes ten times the memory."""
+    """Facet planes of a scene, computed as they are written; all at once would take ten times their memory."""
 
     def __init__(self, scene: Scene) -> None:
         self._triangles = scene.triangles

@@ -1,4 +1,4 @@
-"""Delay of Ctrl-C in code that it must not interrupt: it waits until a function has ended.
+"""Delay of Ctrl-C while a function runs that it must not interrupt.
 
 Python handles signals at the start of a function. So a signal can interrupt an `__exit__` written in Python before
 its first line, and the resource is never released. C libraries that call Python may crash if a signal interrupts
@@ -18,7 +18,7 @@ from glpath.system.signals import ENDING
 
 
 class SignalsWait:
-    """Delay of signals between `begin` and `end`, while a function with this code runs."""
+    """Delay of signals between `begin` and `end`, if they arrive while a function with the code `code` runs."""
 
     def __init__(self, code: CodeType) -> None:
         self._code = code

@@ -1,4 +1,4 @@
-"""Small triangles of a scan, in few cells of the path-buffer: a compute shader scans them, a draw the others.
+"""Scan of triangles in two parts: a compute shader takes those in few cells of the path-buffer, a draw the others.
 
 Setting up a triangle costs a rasteriser more than testing a few cells. Mesa's llvmpipe does it in one thread, for
 each of three vertices.
@@ -25,7 +25,7 @@ _WIDEST = 1 << 15  # groups across, below every device's limit
 
 
 def empty_words(gl: moderngl.Context, cells: tuple[int, int]) -> moderngl.Buffer:
-    """Create the hits of the four paths of each cell, initially none. Scans leave the buffer empty again."""
+    """Create the buffer for the hits of each cell's four paths, initially none. Scans leave it empty again."""
     return gl.buffer(data=b"\xff" * (16 * cells[0] * cells[1]))
 
 
@@ -50,7 +50,7 @@ class TriangleList:
         self._nothing = gl.buffer(data=np.array([0, 1, 0, 0, 0], np.uint32).tobytes())
 
     def clear(self) -> None:
-        """Empty the list on the device, in the order of its commands."""
+        """Empty the list on the device; commands that were issued earlier still read the old list."""
         self._gl.copy_buffer(self.command, self._nothing)
 
 

@@ -43,7 +43,7 @@ class StreamOccluders:
         self._keeps = False
 
     def take_share(self, stream: GeometryStream) -> None:
-        """Reserve a part of the triangles' chunk budget, after all records are created.
+        """Reserve a part of the budget for streamed triangles; to be called after all records are created.
 
         stream : stream of the same triangles
 

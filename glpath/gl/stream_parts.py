@@ -21,12 +21,12 @@ from glpath.scene.stream import triangles_in_budget
 
 Float64 = NDArray[np.float64]
 
-#: Bytes a triangle of a part during the build of its BVH: corners, items, nodes, their order, and the device's
+#: Bytes per triangle of a part during the build of its BVH: corners, items, nodes, their order, and the device's
 #: copy.
 BYTES_A_TRIANGLE = 580
-#: Bytes a triangle of the largest chunk while it is read: in 64 bits, before and after transformation and checks.
+#: Bytes per triangle of the largest chunk while it is read: in 64 bits, before and after transformation and checks.
 BYTES_IN_THE_READING = 400
-# Number of streamed triangles from which compiled code builds the trees.
+# Minimum number of streamed triangles for which compiled code builds the trees.
 _MANY = 200_000
 
 

@@ -140,7 +140,7 @@ def meets(lower: Float64, upper: Float64, directions: Float64) -> NDArray[np.boo
     """Return (D,) bool: True if the ray from the origin along a direction (D, 3) hits the box of corners (3,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         near, far = lower / directions, upper / directions
-    # A ray parallel to an axis's planes is between them always or never.
+    # A ray parallel to the planes of an axis lies between them either everywhere or nowhere.
     within = (lower <= 0) & (upper >= 0)
     still = directions == 0
     near, far = np.minimum(near, far), np.maximum(near, far)

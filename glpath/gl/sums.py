@@ -21,7 +21,7 @@ class Readback(NamedTuple):
     """Sums that were read back.
 
     radiance : (h, w, 3) float64, row 0 at the top; multiples of one power of two
-    low, high : (h, w) uint32, counts of events beside the sums
+    low, high : (h, w) uint32, event counts that are stored beside the sums, see accumulate.glsl
     """
 
     radiance: NDArray[np.float64]
@@ -46,7 +46,7 @@ class Sums:
 class PixelSums:
     """Two sets of sums: a pass reads one set and writes the other, with its own samples added.
 
-    max_radiance : radiance that takes 36 bits; the sum may reach nearly 2**24 times that
+    max_radiance : radiance that has 36 bits in quanta; the sum may reach nearly 2**24 times this radiance
     split        : True to sum direct light separately as well: a pass writes the direct light of a sample in
                    quanta, and `path_set_added` adds it to the sums
     order        : (h, w) positions of the pixels' sums, as y * w + x, row 0 at the bottom; None if each sum is at

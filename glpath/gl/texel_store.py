@@ -83,7 +83,7 @@ class StoreRows:
         self._changed = np.zeros(texture.height, np.bool_)
 
     def put(self, numbers: NDArray[np.integer[Any]], texels: NDArray[Any]) -> None:
-        """Put texels (n, ..., 1 to 4) at their numbers (n,) and fill up each with 0; see `write`."""
+        """Put texels (n, ..., 1 to 4) at texel numbers (n,), with 0 for missing components; `write` sends them."""
         flat = self._rows.reshape(-1, 4)
         values = texels.reshape(len(numbers), -1)
         flat[numbers, : values.shape[1]] = values
@@ -103,7 +103,7 @@ class StoreRows:
 def make_store(
     gl: moderngl.Context, kind: Kind, layout: Layout, tables: Mapping[str, Rows], source: str
 ) -> tuple[moderngl.Texture, dict[str, object]]:
-    """Create a texture of the sections' tables, each (n, texels, 4), and the uniforms with their starts.
+    """Create a texture of the sections' tables, each (n, texels, 4), and uniforms with each section's first texel.
 
     Raises SceneError, which names the `source`, if the tables exceed the device's limit.
     """
@@ -128,7 +128,7 @@ def make_store(
     height = max(1, -(-total // width))
     texture = gl.texture((width, height), 4, dtype=kind.gl)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    # Some rows at a time, because a store may have gigabytes.
+    # Write some rows at a time, because a store may have gigabytes.
     rows = np.zeros((min(height, _ROWS), width, 4), kind.dtype)
     flat, filled, row = rows.reshape(-1, 4), 0, 0
     for section, texels in layout.items():

@@ -2,8 +2,8 @@
 
 A texture lies on the device once, however many slots use it, and not at all if none does. Byte images lie in a byte
 store and take a quarter of the space of float images. Both are decoded and filtered texel by texel in
-`scene/texture.glsl`. Mipmaps are not needed: a pixel averages the path sets' positions in it, and paths average
-over their directions.
+`scene/texture.glsl`. Mipmaps are not needed: a pixel averages over the positions of its path sets, and paths
+average over their directions.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from glpath.scene.geometry import Mesh
 from glpath.scene.material import SLOTS, Material, Texture, TextureSlot, Wrap
 from glpath.scene.model import Scene
 
-#: Bits of `slot_texel(n, SLOT_IMAGE).w`, and the position of the two bits of each wrap mode.
+#: Bits of `slot_texel(n, SLOT_IMAGE).w`, and for each wrap mode the first of its two bits.
 IMAGE_FLAGS = {"FILTERED": 1, "BYTES": 2, "SRGB": 4, "UV1": 8, "WRAP_U": 4, "WRAP_V": 6}
 #: Index of each slot among the components of the section "slots"; three other values follow the first five.
 SLOT_COMPONENTS = {name: i if i < 5 else i + 3 for i, name in enumerate(SLOTS)}
@@ -148,7 +148,7 @@ _COLOURS = {
     "diffuse_transmission_colour_texture",
     "sheen_texture",
 }
-# Slots of which only alpha is read, which no encoding changes.
+# Slots of which only alpha is read; sRGB encoding does not change alpha.
 _ALPHAS = {"specular_texture", "diffuse_transmission_texture", "sheen_roughness_texture"}
 # Slots whose texels `scene/surface.glsl` reads as numbers: red, green or blue.
 _NUMBERS = set(SLOTS) - _COLOURS - _ALPHAS

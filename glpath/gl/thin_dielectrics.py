@@ -12,7 +12,7 @@ from glpath.scene.model import Scene
 def thin_dielectric_variants(scene: Scene) -> dict[str, object]:
     """Return the defines for a scene's thin dielectrics.
 
-    If all of them are uniform, rays to lights read only their material.
+    If all of them are uniform, shadow rays read only their material.
     """
     shapes, thin = scene.shapes, [scene.materials[shape.material].is_thin_dielectric for shape in scene.shapes]
     varying = False

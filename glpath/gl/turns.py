@@ -1,4 +1,4 @@
-"""Fair lock for a resource of one thread at a time, granted in the order of requests.
+"""Fair lock for a resource that one thread uses at a time, granted in the order of requests.
 
 Python's own locks are not granted in order. A thread that releases one and requests it again at once, as a render
 does between its steps, gets it again before another wakes up.
@@ -56,7 +56,7 @@ class Turns:
         return self._entered if self.mine else 0
 
     def enter(self) -> None:
-        """Wait for the lock, or enter once more. Raises the refusal."""
+        """Wait for the lock, or enter once more. Raises the refusal if another thread keeps the lock."""
         if self.mine:
             self._entered += 1
             return
@@ -87,14 +87,14 @@ class Turns:
         return self._entered == 1 and not self._kept
 
     def exit(self) -> None:
-        """Undo the last entry, and pass the lock on after the first one."""
+        """Undo the last entry, and pass the lock on if no entry is left."""
         with self._changing:
             self._entered -= 1
             if not self._entered and not self._kept:
                 self._pass_on()
 
     def keep(self) -> None:
-        """Keep the lock in this thread, which has it, until `drop`; all waiting threads are refused."""
+        """Keep the lock in this thread, which must have it, until `drop`; all waiting threads are refused."""
         with self._changing:
             self._kept = True
             for one in self._waiting:

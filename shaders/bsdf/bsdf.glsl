@@ -3,9 +3,9 @@
 // Needs:  constants.py (PI, LAYERING_GLTF and the other layerings)
 //         HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_COAT, HAS_COAT_NORMALS, HAS_IRIDESCENCE, HAS_SHEEN, HAS_GLASS,
 //         HAS_ROUGH_TRANSMISSION, HAS_DIFFUSE_TRANSMISSION, HAS_MULTIPLE_SCATTERING, HAS_FRESNEL, HAS_PLASTIC, HAS_DISNEY,
-//         HAS_BECKMANN, HAS_METAL_INDICES: if materials have them
+//         HAS_BECKMANN, HAS_METAL_INDICES: defined if materials have the feature
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
-// Units:  a BRDF is in units of a white Lambertian surface's, 1 / pi.
+// Units:  a BRDF is relative to that of a white Lambertian surface, 1 / pi.
 // Source: glTF 2.0, appendix B, and its extensions for the clearcoat (clearcoat), glass (transmission, volume) and the strength
 //         of a dielectric's reflection (specular); Phong 1975 [TB IV]. For layerings other than glTF's see `Material.layering`:
 //         plastic is Mitsuba's; Burley 2012, Physically based shading at Disney.
@@ -23,12 +23,12 @@
 struct Bsdf
 {
     vec3 diffuse;   // diffuse reflectance
-    vec3 specular;  // Phong's coefficient
+    vec3 specular;  // coefficient of Phong's highlight
     float exponent;
     vec3 mirror;    // reflectance for light from the mirror direction
 #ifdef HAS_MICROFACETS
-    vec3 metal;       // metal's reflectance at normal incidence, times its fraction
-    float metallic;   // fraction of metal, which is its reflectance at grazing incidence
+    vec3 metal;       // reflectance of metal at normal incidence, times the fraction of the surface that is metal
+    float metallic;   // fraction of the surface that is metal; also the limit of `metal` at grazing incidence
     vec3 dielectric;  // dielectric's reflectance at normal incidence
     float grazing;    // dielectric's reflectance at grazing incidence
     float layered;    // fraction of the surface that is a dielectric
@@ -48,14 +48,15 @@ struct Bsdf
 #ifdef HAS_SHEEN
     vec3 sheen;           // colour of sheen, which is sampled with the diffuse lobe
     float sheen_alpha;    // alpha of Charlie's distribution
-    mat2x4 sheen_albedo;  // logarithm of white sheen's albedo, a polynomial of the cosine's root
-    vec4 sheen_lambda;    // b, c, d, e of Charlie's lambda
+    // Coefficients of the logarithm of white sheen's albedo, a polynomial in the square root of the cosine.
+    mat2x4 sheen_albedo;
+    vec4 sheen_lambda;    // coefficients b, c, d, e of Charlie's lambda; sheen_lambda_a is a
     float sheen_lambda_a;
 #endif
-    vec3 transmission;       // transmitted fraction
+    vec3 transmission;       // transmittance of glass, times the fraction of the surface that is glass
 #ifdef HAS_MULTIPLE_SCATTERING
-    vec3 metal_gain;    // factor of metal's lobe that compensates for multiple scattering
-    float glass_share;  // fraction of glass in the dielectric
+    vec3 metal_gain;    // factor on metal's lobe that compensates for multiple scattering
+    float glass_share;  // fraction of the dielectric that is glass
     float base_share;   // fraction of light that a dielectric transmits to the base; below 0: computed from the half vector's angle
 #endif
 #ifdef HAS_DIFFUSE_TRANSMISSION
@@ -67,19 +68,22 @@ struct Bsdf
 #ifdef HAS_METAL_INDICES
     vec3 metal_n;     // refractive index of metal; 0: Schlick's formula
     vec3 metal_k;
-    vec3 metal_tint;  // factor of an untinted metal's reflectance
+    vec3 metal_tint;  // factor on the reflectance that metal_n and metal_k give
 #endif
 #ifdef HAS_FRESNEL
     float ior;   // index of refraction for Fresnel's equations
-    vec3 tint;   // factor of an untinted dielectric's reflectance
-    int layering;  // LAYERING_GLTF, with Schlick's formula, or another
+    vec3 tint;   // factor on the reflectance that `ior` gives
+    int layering;  // LAYERING_GLTF, with Schlick's formula, or another LAYERING_ constant
 #ifdef HAS_PLASTIC
-    mat2x4 entry;      // fraction of light that crosses the boundary to plastic's base, a polynomial of the cosine's root
-    float entry_mean;  // mean of entry for uniform light
+    // Coefficients of the fraction of light that crosses the boundary to plastic's base: a polynomial in the square
+    // root of the cosine.
+    mat2x4 entry;
+    float entry_mean;  // `entry` for uniform light
 #endif
 #endif
-    // Index of the far side over that of the near side; 0: thin, without refraction; THIN_DIELECTRIC; below that: minus the
-    // index of a slab, whose transmission is that of one pass through its glass.
+    // Refractive index of the far side over that of the near side. 0: thin, without refraction; THIN_DIELECTRIC:
+    // see there; below that: minus the index of a slab, for which `transmission` is that of one pass through its
+    // glass.
     float eta;
 #endif
 };
@@ -147,8 +151,9 @@ float mean(vec3 v)
 const float THIN_DIELECTRIC = -1.0;  // code of a smooth and thin dielectric, through which light goes straight
 const float COAT_REFLECTS = 0.04;
 
-// Returns `plain`, mixed with the reflectance of a thin film by the fraction under one; weight: reflectance at grazing
-// incidence; f0: reflectance at normal incidence without the film.
+// Returns `plain`, the reflectance without a film, mixed with the reflectance under a thin film by the fraction of
+// the surface that has one; weight: reflectance at grazing incidence; f0: reflectance at normal incidence without
+// the film.
 vec3 under_film(Bsdf b, float cosine, vec3 plain, float weight, vec3 f0)
 {
 #ifdef HAS_IRIDESCENCE
@@ -166,7 +171,7 @@ vec3 under_film(Bsdf b, float cosine, vec3 plain, float weight, vec3 f0)
 #endif
 
 #ifdef HAS_FRESNEL
-// Reflectance of an untinted dielectric; for a thin one of both faces, without polarization.
+// Reflectance of an untinted dielectric; for a thin dielectric, that of both its faces, without polarization.
 float boundary_reflects(Bsdf b, float cosine)
 {
     float F = fresnel(cosine, b.eta > 0.0 ? b.eta : b.ior);
@@ -174,14 +179,15 @@ float boundary_reflects(Bsdf b, float cosine)
 }
 #endif
 
-// Reflectance of a dielectric; `cosine`: of the angle to the microfacet's normal.
+// Reflectance of a dielectric; `cosine`: between a direction and the microfacet's normal.
 vec3 dielectric_reflects(Bsdf b, float cosine)
 {
 #ifdef HAS_FRESNEL
     if (b.layering != LAYERING_GLTF) return b.tint * boundary_reflects(b, cosine);
 #endif
 #ifdef HAS_GLASS
-    // Schlick's formula has no total reflection. From inside a film has no effect.
+    // Fresnel's equations, because Schlick's formula has no total internal reflection. A film has no effect from
+    // inside.
     if (b.eta > 0.0) {
         vec3 plain = vec3(fresnel(cosine, b.eta));
         return b.eta > 1.0 ? under_film(b, cosine, plain, 1.0, b.dielectric) : plain;
@@ -210,7 +216,7 @@ vec3 microfacet_reflects(Bsdf b, float cosine)
     return metal + b.layered * dielectric_reflects(b, cosine);
 }
 
-// Fraction of light that a dielectric leaves for the base.
+// Fraction of light that a dielectric transmits to the base below it.
 float base_transmittance(Bsdf b, float cosine)
 {
 #ifdef HAS_MULTIPLE_SCATTERING
@@ -223,7 +229,7 @@ float base_transmittance(Bsdf b, float cosine)
     return b.layered > 0.0 ? 1.0 - max(F.r, max(F.g, F.b)) : 1.0;
 }
 
-// Transmittance of glass.
+// Transmittance of glass, with both the reflection at its boundary and its colour.
 vec3 glass_transmittance(Bsdf b, float cosine)
 {
 #ifdef HAS_SLABS
@@ -242,7 +248,8 @@ float coat_reflects(Bsdf b, float cosine)
 #endif
 }
 
-// Fraction of light that the clearcoat takes from the layers below; `cosine`: between wo and the base's normal.
+// Fraction of light that the clearcoat reflects, so that the layers below lose it; `cosine`: between wo and the
+// base's normal.
 float coat_takes(Bsdf b, float cosine)
 {
 #ifdef HAS_COAT_NORMALS
@@ -253,7 +260,7 @@ float coat_takes(Bsdf b, float cosine)
 }
 
 #ifdef HAS_SHEEN
-// Directional albedo of white sheen.
+// Directional albedo of white sheen; `cosine`: between wo and the normal.
 float sheen_albedo(Bsdf b, float cosine)
 {
     float x = sqrt(clamp(cosine, 0.0, 1.0)), x2 = x * x;
@@ -273,8 +280,8 @@ float charlie_lambda(Bsdf b, float cosine)
     return exp(2.0 * charlie_exponent(b, 0.5) - charlie_exponent(b, max(1.0 - x, 1e-6)));
 }
 
-// Value of sheen: Charlie's distribution and visibility (Estevez & Kulla 2017). At grazing angles with a small alpha their albedo
-// exceeds 1, so the value is divided by the albedo, which only depends on the angle to the eye.
+// BRDF of sheen: Charlie's distribution and visibility (Estevez & Kulla 2017). At grazing angles with a small alpha
+// their albedo exceeds 1. The BRDF is then divided by the albedo, which only depends on the angle of wo.
 vec3 sheen_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     float o = max(dot(n, wo), 1e-4), i = max(dot(n, wi), 1e-4);
@@ -318,7 +325,7 @@ float disney_base(Bsdf b, float o, float i, float d2)
 }
 #endif
 
-// Factor of a base relative to Lambert's, for light from wi.
+// Ratio of the base's BRDF to Lambert's, for light from wi.
 float base_response(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
 #ifdef HAS_FRESNEL
@@ -333,7 +340,8 @@ float base_response(Bsdf b, vec3 n, vec3 wo, vec3 wi)
     return base_transmittance(b, dot(wo, normalize(wo + wi)));
 }
 
-// Factor of a base for uniform light; approximate for Burley's base, for which a mean angle between the directions is used.
+// Ratio of the base's reflectance to Lambert's, for uniform light; `cosine`: between wo and the normal. Approximate
+// for Burley's base, for which a mean angle between the directions is used.
 float base_response(Bsdf b, float cosine)
 {
 #ifdef HAS_FRESNEL
@@ -349,7 +357,8 @@ float base_response(Bsdf b, float cosine)
 }
 #endif
 
-// Approximate reflectance of the diffuse lobe for uniform light, towards a cosine; used as probability of the lobe.
+// Approximate reflectance of the diffuse lobe for uniform light, used as the lobe's probability; `cosine`: between
+// wo and the normal.
 float diffuse_importance(Bsdf b, float cosine)
 {
     float share = mean(b.diffuse + b.specular);
@@ -362,7 +371,7 @@ float diffuse_importance(Bsdf b, float cosine)
     return share;
 }
 
-// Reflectance of the diffuse lobe, base and sheen, at a cosine to the normal.
+// Reflectance of the diffuse lobe, base and sheen, for uniform light; `cosine`: between wo and the normal.
 vec3 diffuse_reflectance(Bsdf b, float cosine)
 {
     vec3 sent = b.diffuse;
@@ -376,14 +385,14 @@ vec3 diffuse_reflectance(Bsdf b, float cosine)
 }
 
 #ifdef HAS_DIFFUSE_TRANSMISSION
-// Lambertian transmission to the other side.
+// Transmittance of the diffuse lobe to the other side; `cosine`: between wo and the normal.
 vec3 diffuse_transmittance(Bsdf b, float cosine)
 {
     return b.diffuse_through * (base_transmittance(b, cosine) * under_layers(b, cosine));
 }
 #endif
 
-// Albedo for a denoiser, which is about the reflectance for uniform light.
+// Albedo for a denoiser: approximately the fraction of uniform light that is reflected or transmitted.
 vec3 bsdf_albedo(Bsdf b)
 {
     vec3 all = b.diffuse;
@@ -403,8 +412,8 @@ vec3 bsdf_albedo(Bsdf b)
     return all;
 }
 
-// Reflectance of a mirror and of smooth microfacets for light from the mirror direction, without a clearcoat that has its own
-// normals.
+// Reflectance of mirrors for light from the mirror direction: of the mirror lobe, of smooth microfacets, and of a
+// smooth clearcoat unless it has its own normals.
 vec3 mirrored(Bsdf b, float cosine)
 {
     vec3 share = b.mirror;
@@ -425,7 +434,8 @@ float coat_mirrored(Bsdf b)
 }
 #endif
 
-// Lambert, sheen, and Phong's highlight; the highlight's definition has no cosine, so it is divided out.
+// BRDF of the diffuse lobe: base, sheen and Phong's highlight. The highlight is defined without a cosine, so it is
+// divided by the cosine here.
 vec3 diffuse_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     vec3 f = b.diffuse;
@@ -450,7 +460,7 @@ struct Lobe
     float pdf;
 };
 
-// Columns: along the tangent, across it, and the shading normal.
+// Returns the surface's axes as columns: along the tangent, across it, and the shading normal.
 mat3 surface_axes(Bsdf b, vec3 n)
 {
     vec3 x, y;
@@ -465,14 +475,15 @@ mat3 surface_axes(Bsdf b, vec3 n)
     return mat3(x, y, n);
 }
 
-// Ratio of the light that microfacets reflect to the light that they reflect or transmit.
+// Fraction that is reflected of all the light that microfacets reflect or transmit.
 float reflected_part(Bsdf b, float cosine)
 {
     float reflected = mean(microfacet_reflects(b, cosine)), through = mean(glass_transmittance(b, cosine));
     return through > 0.0 ? reflected / max(reflected + through, 1e-9) : 1.0;
 }
 
-// Value and density of microfacets; wo and wi are in the surface's own axes. Both are 0 for a mirror, which no light sample hits.
+// Value and density of microfacets; wo and wi are in the surface's own axes. Both are 0 for smooth microfacets,
+// because no light sample lies exactly in the mirror direction.
 Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
     if (max(b.alpha.x, b.alpha.y) < SMOOTH || wi.z <= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
@@ -484,8 +495,9 @@ Lobe microfacet_lobe(Bsdf b, vec3 wo, vec3 wi)
 }
 
 #ifdef HAS_GLASS
-// With equal indices light is not bent, however rough the boundary is. All microfacets send it straight on, without a density.
-// Nearly equal indices bend it by less than a thousandth, and the half vector below would be only rounding.
+// Returns true if the indices of both sides are equal, or nearly. All microfacets then send light straight on,
+// however rough the boundary is, so directions have no density. Nearly equal indices bend light by less than a
+// thousandth, and the half vector in through_lobe() would be only rounding.
 bool is_unbent(Bsdf b)
 {
     return abs(b.eta - 1.0) < 1e-3;
@@ -498,8 +510,9 @@ bool is_rough_transmission(Bsdf b)
     return !is_unbent(b) && largest > 0.0 && max(b.alpha.x, b.alpha.y) >= SMOOTH;
 }
 
-// Lobe for light from the other side, wi.z < 0. A thin dielectric transmits as it would reflect. A solid uses Walter et al.,
-// eq. 16, for radiance over the square of the index, which is the same at both ends of a path in air.
+// Lobe for light from the other side of glass, wi.z < 0. A thin dielectric transmits the mirror image of what it
+// would reflect. A solid uses Walter et al., eq. 16, for radiance over the squared index. This equals radiance at
+// both ends of a path, which lie in air.
 Lobe through_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
     if (!is_rough_transmission(b) || wi.z >= 0.0 || wo.z <= 0.0) return Lobe(vec3(0.0), 0.0);
@@ -529,7 +542,7 @@ mat3 coat_axes(Bsdf b, mat3 axes)
 #endif
 }
 
-// wo and wi are in the clearcoat's own axes.
+// Value and density of the clearcoat; wo and wi are in the clearcoat's own axes.
 Lobe coat_lobe(Bsdf b, vec3 wo, vec3 wi)
 {
 #ifdef HAS_COAT
@@ -545,7 +558,7 @@ Lobe coat_lobe(Bsdf b, vec3 wo, vec3 wi)
 }
 #endif
 
-// BRDF of all lobes except mirrors.
+// BRDF of all lobes except mirrors and smooth microfacets.
 vec3 bsdf_eval(Bsdf b, vec3 n, vec3 wo, vec3 wi)
 {
     vec3 f = diffuse_eval(b, n, wo, wi);

@@ -1,14 +1,16 @@
-// iridescence.glsl: reflectance of a thin film over a surface, by interference of light from its two sides.
+// iridescence.glsl: reflectance of a thin film over a surface, by interference of light reflected at the film's two
+// faces.
 // Units:  thickness nm; reflectance linear Rec. 709.
-// Source: Belcour & Barla 2017, A practical extension to microfacet theory for the modeling of varying iridescence; with
-//         Schlick's Fresnel, as in Khronos' sample renderer [KHR_materials_iridescence]; glpath/scene/iridescence.py is the
-//         same.
+// Source: Belcour & Barla 2017, A practical extension to microfacet theory for the modeling of varying iridescence;
+//         with Schlick's Fresnel, as in Khronos' sample renderer [KHR_materials_iridescence];
+//         glpath/scene/iridescence.py computes the same.
 
-// Fourier transform of the eye's sensitivities to wave numbers, which are approximated by Gaussians; path: path difference, nm.
+// Fourier transform of the eye's spectral sensitivities, which are approximated by Gaussians of the wave number.
+// path: optical path difference, nm; shift: phase shift for each channel. Returns linear Rec. 709.
 vec3 film_sensitivity(float path, vec3 shift)
 {
     float phase = 2e-9 * PI * path, square = phase * phase;
-    // Value times the root of 2 pi variance, divided by the integral of Y.
+    // Peak of each Gaussian times sqrt(2 pi variance), divided by the integral of the Y sensitivity.
     const vec3 weight = vec3(0.846590, 1.000222, 1.001122);
     const vec3 centre = vec3(1.6810e6, 1.7953e6, 2.2084e6), variance = vec3(4.3278e9, 9.3046e9, 6.6121e9);
     vec3 xyz = weight * cos(centre * phase + shift) * exp(-square * variance);

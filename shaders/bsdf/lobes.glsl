@@ -3,7 +3,7 @@
 // Needs:  path_vertex.glsl, light_sample.glsl; HAS_THIN_DIELECTRICS, HAS_VARYING_THIN_DIELECTRICS
 // Frame:  world.
 
-// Density of a mirror direction, a mark for directions that light samples never hit.
+// Stands for the infinite density of a mirror direction. It marks directions that light samples never have.
 const float DELTA_LOBE = 1e18;
 
 // Probabilities of the lobes; the rest is the probability that the path ends.
@@ -14,12 +14,13 @@ struct Lobes
     float coat;
     float mirror;
 #ifdef HAS_DIFFUSE_TRANSMISSION
-    float through;  // importance of the diffuse lobe on the other side
+    float through;  // probability of diffuse transmission to the other side
 #endif
 };
 
-// diffuse_continues: false for a path whose diffuse light is looked up; it continues only in the other lobes, with the
-// probability of their reflectance.
+// Returns the probabilities with which a path continues by each lobe. diffuse_continues: false for a path whose
+// diffuse light is looked up. It continues only by the other lobes, each with a probability equal to its
+// reflectance.
 Lobes lobes_of(PathVertex v, bool diffuse_continues, bool others_continue)
 {
     Bsdf b = v.bsdf;
@@ -51,7 +52,8 @@ Lobes lobes_of(PathVertex v, bool diffuse_continues, bool others_continue)
     return q;
 }
 
-// Veach's weight of a light sample against the direction sample of a lobe. Only light samples find punctual lights (density 0).
+// MIS weight of a light sample against sampling a direction of a lobe [Veach]; light, direction: densities of the
+// two. A punctual light has density 0, and only light samples find it.
 float mis_weight(float light, float direction)
 {
     return light > 0.0 ? power_heuristic(light, direction) : 1.0;
@@ -65,7 +67,8 @@ mat3 mirroring_axes(PathVertex v)
 }
 #endif
 
-// Light of an unweighted light sample that a vertex reflects, by the diffuse lobe and by the others.
+// Light of a light sample that a vertex reflects, by the diffuse lobe and by the others, with MIS weights.
+// direct.light has no MIS weight yet.
 void light_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 diffuse, out vec3 others)
 {
     float cosine = dot(v.normal, direct.wi);
@@ -94,7 +97,7 @@ void light_lobes(PathVertex v, Lobes q, DirectLight direct, out vec3 diffuse, ou
 }
 
 #ifdef HAS_ROUGH_TRANSMISSION
-// Transmitted light of a light sample on the other side.
+// Light of a light sample on the other side that rough glass transmits, with its MIS weight.
 vec3 light_through(PathVertex v, Lobes q, DirectLight direct)
 {
     mat3 axes = mirroring_axes(v);
@@ -107,7 +110,7 @@ vec3 light_through(PathVertex v, Lobes q, DirectLight direct)
 #endif
 
 #ifdef HAS_DIFFUSE_TRANSMISSION
-// Transmitted light of a light sample on the other side, by the diffuse lobe.
+// Light of a light sample on the other side that the diffuse lobe transmits, with its MIS weight.
 vec3 light_through_diffuse(PathVertex v, Lobes q, DirectLight direct)
 {
     float cosine = -dot(v.normal, direct.wi);
@@ -120,13 +123,14 @@ vec3 light_through_diffuse(PathVertex v, Lobes q, DirectLight direct)
 struct BsdfSample
 {
     vec3 direction;
-    vec3 weight;    // weight of the direction, including the lobe's probability
+    vec3 weight;    // throughput factor of the direction, divided by its probability
     float pdf;  // density of the direction per solid angle
     bool through;   // true if the direction goes to the other side
-    bool straight;  // true if the direction passes a thin dielectric, which light samples see through
+    bool straight;  // true if the direction goes straight through a thin dielectric, as shadow rays do
 };
 
-// Samples microfacets, clearcoat or a mirror. chosen: random number minus the diffuse lobe's probability.
+// Samples a direction of microfacets, glass, clearcoat or a mirror. chosen: random number that chose the lobe,
+// minus the probability of the diffuse lobes.
 BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
 {
     Bsdf b = v.bsdf;
@@ -150,11 +154,12 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
         vec3 m = smooth_one ? vec3(0.0, 0.0, 1.0) : sample_visible_normal(wo, alpha, is_beckmann, numbers);
         float cosine = dot(wo, m), part = coat ? 1.0 : reflected_part(b, cosine), chance = coat ? q.coat : q.microfacets;
         vec3 wi = reflect(-wo, m);
-        // Reuse the remainder of the random number that chose the lobe.
+        // The remainder of the random number that chose the lobe chooses between transmission and reflection.
         d.through = chosen - q.mirror - q.coat >= part * q.microfacets && !coat;
         if (d.through) {
 #ifdef HAS_GLASS
-            // Radiance over the square of the index is constant along the path, and both ends of a path lie in air.
+            // No factor of the squared index is needed: radiance over the squared index is constant along a path,
+            // and both ends of a path lie in air.
             d.weight = glass_transmittance(b, cosine) / (1.0 - part);
             bool unbent = is_unbent(b);
             wi = unbent ? -wo : b.eta > 0.0 ? refract(-wo, m, 1.0 / b.eta) : vec3(wi.xy, -wi.z);
@@ -175,13 +180,13 @@ BsdfSample bsdf_sample(PathVertex v, Lobes q, float chosen, vec2 numbers)
     }
 #endif
     float side = dot(d.direction, v.normal);
-    // The smooth normal may have sent it to the wrong side.
+    // The shading normal may have sent the direction to the wrong side of the surface.
     if (d.through ? side >= 0.0 : side <= 0.0) d.weight = vec3(0.0);
     return d;
 }
 
 #ifdef HAS_THIN_DIELECTRICS
-// ray: direction, of any length.
+// Transmittance of a thin dielectric at a ray's hit, 0 for any other surface. ray: direction, of any length.
 vec3 thin_transmittance(int triangle, vec3 origin, vec3 ray)
 {
     vec4 plane = triangle_plane(triangle);
@@ -198,7 +203,7 @@ vec3 thin_transmittance(int triangle, vec3 origin, vec3 ray)
 #else
     Bsdf b = bsdf_of(s, front, vec3(1.0), vec2(1.0), 1.0);
 #endif
-    see_coat_along(b, s, front, wo);  // smooth, so energy compensation is not needed
+    see_coat_along(b, s, front, wo);  // the surface is smooth and needs no energy compensation
     float cosine = dot(shading_normal(s, front, wo), wo);
     if (b.eta > THIN_DIELECTRIC) return vec3(0.0);
     return glass_transmittance(b, cosine) * under_layers(b, cosine);

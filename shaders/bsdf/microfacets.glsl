@@ -6,8 +6,8 @@
 //         and shadowing are independent, as in glTF 2.0, B.3.2.
 #include <CONSTANTS>
 
-// Alpha of a roughness, along the tangent and across [KHR_materials_anisotropy]. With anisotropy, alpha across is at least
-// SMOOTH, because a perfect mirror has no density.
+// Converts a roughness to alpha, along the tangent and across it [KHR_materials_anisotropy]. With anisotropy, alpha
+// across is at least SMOOTH, because a perfect mirror has no density.
 vec2 ggx_alpha(float roughness, float anisotropy)
 {
     float across = roughness * roughness;
@@ -15,7 +15,7 @@ vec2 ggx_alpha(float roughness, float anisotropy)
     return vec2(mix(across, 1.0, anisotropy * anisotropy), across);
 }
 
-// Density of normals, per solid angle of m times its cosine.
+// GGX distribution of normals, D. The integral of D times the cosine of m over the hemisphere is 1.
 float ggx(vec3 m, vec2 alpha)
 {
     vec2 s = m.xy / alpha;
@@ -23,7 +23,7 @@ float ggx(vec3 m, vec2 alpha)
     return 1.0 / (PI * alpha.x * alpha.y * a * a);
 }
 
-// Fraction of the microfacets facing w that are visible from there.
+// Smith's masking by GGX: fraction of the microfacets facing w that are visible from direction w.
 float ggx_seen(vec3 w, vec2 alpha)
 {
     vec2 s = alpha * w.xy;
@@ -31,7 +31,7 @@ float ggx_seen(vec3 w, vec2 alpha)
     return 2.0 * z / (z + sqrt(z * z + dot(s, s)));
 }
 
-// Samples a normal with the density of visible normals along w, which is above the surface.
+// Samples a microfacet normal with the density of normals visible from w, which is above the surface.
 vec3 visible_normal(vec3 w, vec2 alpha, vec2 u)
 {
     vec3 stretched = normalize(vec3(alpha * w.xy, w.z));
@@ -42,7 +42,7 @@ vec3 visible_normal(vec3 w, vec2 alpha, vec2 u)
 }
 
 #ifdef HAS_BECKMANN
-// Density of normals whose slopes are Gaussian, per solid angle of m times its cosine.
+// Beckmann's distribution of normals, D, whose slopes are Gaussian. The integral of D times the cosine of m is 1.
 float beckmann(vec3 m, vec2 alpha)
 {
     vec2 s = m.xy / alpha;
@@ -50,7 +50,7 @@ float beckmann(vec3 m, vec2 alpha)
     return exp(-dot(s, s) / z2) / (PI * alpha.x * alpha.y * z2 * z2);
 }
 
-// Smith's masking by Walter et al., eq. 27, a rational approximation within 0.35 %.
+// Smith's masking by Beckmann's distribution: Walter et al., eq. 27, a rational approximation within 0.35 %.
 float beckmann_seen(vec3 w, vec2 alpha)
 {
     vec2 s = alpha * w.xy;
@@ -58,7 +58,7 @@ float beckmann_seen(vec3 w, vec2 alpha)
     return a >= 1.6 ? 1.0 : a * (3.535 + 2.181 * a) / (1.0 + a * (2.276 + 2.577 * a));
 }
 
-// Abramowitz & Stegun 1964, 7.1.26: within 1.5e-7.
+// Error function by Abramowitz & Stegun 1964, 7.1.26, with an error below 1.5e-7.
 float error_function(float x)
 {
     float t = 1.0 / (1.0 + 0.3275911 * abs(x));
@@ -66,7 +66,7 @@ float error_function(float x)
     return sign(x) * (1.0 - p * exp(-x * x));
 }
 
-// Giles 2010, Approximating the erfinv function, in single precision.
+// Inverse error function by Giles 2010, Approximating the erfinv function, in single precision.
 float inverse_error_function(float x)
 {
     float w = -log(max((1.0 - x) * (1.0 + x), 1e-30)), p;
@@ -84,7 +84,8 @@ float inverse_error_function(float x)
     return x * (2.83297682 + w * (1.00167406 + w * p));
 }
 
-// Samples visible slopes of a surface of alpha 1, along a direction of the plane y = 0: Jakob 2014, by Newton's method.
+// Samples a slope of a surface of alpha 1 that is visible from a direction in the plane y = 0. cosine: between that
+// direction and the normal. Source: Jakob 2014, by Newton's method.
 vec2 visible_beckmann_slope(float cosine, vec2 u)
 {
     float tangent = sqrt(max(1.0 - cosine * cosine, 1e-12)) / max(cosine, 1e-6), cotangent = 1.0 / tangent;
@@ -112,7 +113,8 @@ vec3 visible_beckmann_normal(vec3 w, vec2 alpha, vec2 u)
 }
 #endif
 
-// Density of normals, masking, and sampling of visible normals; is_beckmann: true for Beckmann's distribution.
+// The next functions give the density of normals, masking, and samples of visible normals: by Beckmann's
+// distribution if is_beckmann, otherwise by GGX.
 
 float normal_density(vec3 m, vec2 alpha, bool is_beckmann)
 {
@@ -138,7 +140,7 @@ vec3 sample_visible_normal(vec3 w, vec2 alpha, bool is_beckmann, vec2 u)
     return visible_normal(w, alpha, u);
 }
 
-// The density of `sample_visible_normal` per solid angle.
+// Density per solid angle with which `sample_visible_normal` returns the normal m.
 float visible_normal_pdf(vec3 w, vec3 m, vec2 alpha, bool is_beckmann)
 {
     return masking(w, alpha, is_beckmann) * normal_density(m, alpha, is_beckmann) * max(dot(w, m), 0.0) / w.z;

@@ -8,20 +8,22 @@ uniform vec3 eye_position;  // common point of the rays, or a point ahead of it,
 uniform vec3 eye_right;
 uniform vec3 eye_up;
 uniform vec3 eye_forward;
-uniform float eye_ahead;   // distance of eye_position ahead of the eye; rays start in the plane there, because rays of a
-                           // distant eye would lose digits of their hits; 0: at the eye
+// Distance of eye_position ahead of the eye; 0 if it is the eye. Rays start in the plane through eye_position,
+// because hits far from the start of a ray lose digits.
+uniform float eye_ahead;
 uniform vec2 eye_focal;    // focal length: pixels per unit at distance 1, or pixels per scene unit for parallel rays
-uniform vec2 eye_centre;   // pixel position on eye_forward, minus the sub-pixel position
+uniform vec2 eye_centre;   // image position of eye_forward, pixels, minus the sample's position in its pixel
 uniform ivec2 eye_corner;  // lower left corner of the window in the image, pixels
 uniform ivec2 eye_size;    // size of the window, pixels
 
 #ifdef EYE_LENS
 uniform uvec2 lens_point;  // point of the path set, in units of 2^-32
-uniform uint lens_seed;    // seed of the pixels' shifts
+uniform uint lens_seed;    // seed of the shifts by which pixels move the lens point
 uniform vec2 lens;         // x: radius of the lens; y: 1 / focus distance
 
-// The pixel's point on the lens, scene units: that of the set, shifted, so that each pixel's points are as even as the
-// sequence. Source: Shirley & Chiu 1997, A Low Distortion Map Between Disk and Square.
+// Point of the lens from which the pixel's ray starts, scene units. It is the set's point, shifted for each pixel,
+// so that the points of each pixel are as evenly spread as the sequence. Source: Shirley & Chiu 1997, A Low
+// Distortion Map Between Disk and Square.
 vec2 lens_position(ivec2 pixel)
 {
     uvec2 at = uvec2(pixel + eye_corner);
@@ -39,7 +41,8 @@ vec2 lens_position(ivec2 pixel)
 uniform vec2 eye_angle;  // angle of a pixel to the right and up, radians
 #endif
 
-// Unit direction through the sub-pixel position of a pixel of the window, plus an offset in pixels.
+// Unit direction of the ray through the sample's position in a pixel of the window; beside: further offset in
+// pixels.
 vec3 eye_direction(ivec2 pixel, vec2 beside)
 {
 #if defined(EYE_ORTHOGRAPHIC)
@@ -69,7 +72,7 @@ vec3 eye_direction(ivec2 pixel)
     return eye_direction(pixel, vec2(0.0));
 }
 
-// Start of that ray.
+// Start of the ray whose direction eye_direction() returns.
 vec3 eye_origin(ivec2 pixel, vec2 beside)
 {
 #if defined(EYE_ORTHOGRAPHIC)
@@ -106,7 +109,7 @@ vec3 eye_from_world(vec3 position)
 }
 
 // Clip coordinates of the window, for a rasteriser that samples at pixel centres; range: near and far distance from
-// eye_position. Rounding never moves depth in front of the far plane beyond it.
+// eye_position. Rounding never moves a depth from before the far plane to behind it.
 vec4 clip_from_eye(vec3 p, vec2 range)
 {
     vec2 middle = eye_centre - vec2(eye_corner);

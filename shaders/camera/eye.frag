@@ -1,6 +1,6 @@
 // eye.frag: writes the triangle that the eye sees; its number + 1, 0 for none.
-// Depth is linear, because a perspective depth with such a near plane has no precision left. For a distant eye the near plane
-// is near the scene.
+// Depth is linear, because the near plane is so near that a perspective depth would have no precision left. For a
+// distant eye the near plane is near the scene, and perspective depth is kept.
 #include "gl/texels.glsl"
 #include <SCENE>
 #include "camera/camera.glsl"

@@ -9,7 +9,7 @@
 
 layout(location = 0) out uint seen;
 
-// Maximum distance of a point from its surface, above or below, in units of rounding.
+// Maximum distance of a point from its surface, above or below, as a multiple of the rounding error.
 const float NEAR = 4.0;
 
 void main()

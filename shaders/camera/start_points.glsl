@@ -19,13 +19,14 @@ float start_distance(vec3 position)
 }
 
 #ifdef START_VERTEX
-// triangle: index of the triangle that the point lies on, -1 for none.
+// Returns the vertex at which the path of a pixel starts. triangle: index of the triangle that the point lies on,
+// -1 for none.
 PathVertex start_vertex(ivec2 pixel, int triangle)
 {
     vec3 position = texel(start_positions, pixel).xyz, normal = texel(start_normals, pixel).xyz;
     vec4 plane = vec4(normal, dot(normal, position));
     bool front = true;
-    // A point whose normal differs from its surface's lies on no triangle, and gets light past the surface.
+    // A point whose normal differs from that of its triangle counts as on no triangle, and keeps its own normal.
     if (triangle >= 0) {
         vec4 found = facet_texel(triangle, FACET_PLANE);
         float cosine = dot(found.xyz, normal);

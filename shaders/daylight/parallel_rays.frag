@@ -1,8 +1,10 @@
-// parallel_rays.frag: tests if points see out of the scene along directions that all of them share; one bit for each direction.
-// Lanes of a vector are neighbouring points with one direction, so their rays visit the same nodes of the BVH.
-// With thin dielectrics it outputs their transmittance instead, by luminance.
-// ASKED: the words have bits already, and the bits of rays that hit something are cleared; for scenes in parts, one after the
-// other.
+// parallel_rays.frag: tests if points see out of the scene along directions that all points share; one bit for each
+// direction. Lanes of a vector are neighbouring points with one direction, so their rays visit the same nodes of
+// the BVH.
+// With thin dielectrics it outputs the transmittance of those that a ray passes, weighted by luminance, instead of
+// a bit.
+// ASKED: the words have bits already, and bits are cleared if their rays hit something. Scenes in parts are tested
+// in this manner, one part after the other.
 // Needs:  <SCENE>, <RAY_BVH>
 // Runs over: squares of points, stacked for each word of 32 directions; with thin dielectrics for each direction.
 // Output: the word, bit k for direction k; or the transmittance
@@ -12,7 +14,7 @@
 #include <SCENE>
 #include "scene/ray_bvh.glsl"
 #ifdef HAS_THIN_DIELECTRICS
-// Needs of lobes.glsl for whole paths; only its thin_transmittance is called.
+// lobes.glsl needs these files for whole paths; here only its thin_transmittance() is called.
 #include "scene/surface.glsl"
 #include "sampling/random.glsl"
 #include "lights/light_sample.glsl"
@@ -23,8 +25,8 @@
 
 TEXELS(rgba32f, point_positions);   // a: index of the point + 1, for random numbers; 0 without a point
 TEXELS(rgba32f, point_normals);     // directions below this normal's plane are not cast; 0 without a plane
-TEXELS(rgba32f, shared_directions); // unit, a row of 32 for each word; a: 0 without a direction
-uniform int square;                 // number of points along its sides
+TEXELS(rgba32f, shared_directions); // unit directions, a row of 32 for each word; a: 0 without a direction
+uniform int square;                 // number of points along a side of the square
 uniform int first_direction;        // index of the first direction, for random numbers
 
 // Returns true if a direction is in front of a point's plane; sets the ray's random numbers.
@@ -54,7 +56,8 @@ void main()
 #else
 layout(location = 0) out uint seen;
 
-// occluder: item that blocked the previous ray; it is tested first, because it often blocks the next direction too.
+// Returns true if the ray hits nothing. occluder: item that blocked the previous ray. It is tested first, because
+// it often blocks the next direction too.
 bool sees_out(vec3 origin, vec3 direction, inout int occluder)
 {
 #if defined(HAS_ALPHA) || defined(HAS_INSTANCES)
@@ -93,7 +96,7 @@ void main()
     {
         vec4 direction = texel(shared_directions, ivec2(k, word));
         uint bit = 1u << uint(k);
-        // a is set only for directions in which any of the points may hit the part.
+        // direction.w is set only for directions in which any of the points may hit this part of the scene.
         if ((seen & bit) != 0u && direction.w != 0.0 && !sees_out(position, direction.xyz, occluder)) seen &= ~bit;
     } while (++k < 32);
 }

@@ -1,10 +1,11 @@
-// accumulate.glsl: adds a sample to the sums, exactly.
-// The sums are 64-bit integers, a low and a high word for each channel, in quanta, which are powers of two. Integer addition is
-// associative, so any split of the path sets gives the same bits.
+// accumulate.glsl: adds a sample of radiance to the sums of its pixel, in integers.
+// Each channel's sum is a 64-bit integer, stored as a low and a high word. It counts quanta, and a quantum is a
+// power of two. Integer addition is associative, so the sums have the same bits however the path sets are split.
 //   low.rgb, high.rgb  sums
 //   low.a              number of rays cast
 //   high.a             number of lost rays; from bit DROPPED_SHIFT on, number of dropped samples
-// If direct light is summed separately (SPLIT_LIGHT), it is written as quanta of this sample only, for direct_sums.frag.
+// With SPLIT_LIGHT, the direct light of this sample alone is also written, in quanta; direct_sums.frag adds it to
+// its own sums.
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include "film/split_light.glsl"
@@ -28,7 +29,8 @@ layout(location = 2) out vec4 direct;
 #endif
 #endif
 
-// radiance.a: events of a path, its casts in the low CAST_BITS bits and its losses above (path_result.glsl)
+// radiance.a: event counts of a path: rays cast in the low CAST_BITS bits, lost rays and cut paths above
+// (path_result.glsl)
 void accumulate(ivec2 pixel, vec4 radiance)
 {
     vec3 scaled = floor(radiance.rgb * quanta + 0.5);

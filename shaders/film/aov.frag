@@ -13,7 +13,8 @@
 
 UINT_TEXELS(r32ui, eye_buffer);  // number of the triangle + 1
 
-// Returns false if the ray along d sees the sky.
+// Finds the surface that the ray of a pixel hits. Returns false if the ray hits none, and so sees the sky. d:
+// direction of the ray.
 bool seen(ivec2 pixel, out vec3 d, out bool front, out Surface s)
 {
     int triangle = int(texel(eye_buffer, pixel).r) - 1;

@@ -1,24 +1,26 @@
 // aov.glsl: properties of the surfaces that the eye sees, for a denoiser or a compositor.
-// Needs:  <SCENE>, surface.glsl, camera.glsl, background.glsl; seen() of the including shader; AOV_QUANTA: quanta of colours
-//         and normals per unit; AOV_SURFACE, AOV_POSITION, AOV_UV, AOV_NEAREST: requested sums, and the location of the first
-//         output of each; _1: location of its second output
+// Needs:  <SCENE>, surface.glsl, camera.glsl, background.glsl; seen() of the including shader; AOV_QUANTA: quanta
+//         per unit of a colour or normal; AOV_SURFACE, AOV_POSITION, AOV_UV, AOV_NEAREST: defined for sums that are
+//         requested, as the location of the sum's first output; with _1: location of its second output
 // Runs over: the pixels of the window. Output: sums of integer quanta, which are the same in any order of addition
-// Frame:  world. Units: lengths in scene units; coordinates of normals are stored plus 1.
+// Frame:  world. Units: lengths in scene units; components of normals are stored plus 1, so that none is negative.
 //
 //   AOV_SURFACE  first   albedo; normal.x
 //                second  normal.yz; 0; number of normals dropped because they were not finite
 //     albedo: diffuse reflectance plus radiance that the surface or the sky emits, clipped at 1 as Open Image Denoise expects;
 //             lamps and a bright sky are white
-//             FOLLOWS_MIRRORS: albedo and normal of the surfaces visible in mirrors and through clear glass, weighted by their
-//             share
+//             FOLLOWS_MIRRORS: albedo and normal of the surfaces visible in mirrors and through clear glass; the
+//             albedo is multiplied by the fraction of light from there
 //     normal: unit shading normal on the visible side; 0 without a hit
 //   AOV_POSITION    low     low words of position and of depth along the view (distance in a panorama), in two's complement
-//                high    high words; in depth's, above the low HITS_SHIFT bits, number of hits
+//                high    high words; that of depth also has the number of hits, above its low
+//                        HITS_SHIFT bits
 //   AOV_UV       uv_low  low words of u and v, in the format of AOV_POSITION
-//                uv_high high words, and number of hits
-//   AOV_NEAREST  nearest  minimum depth, stored as bits of infinity minus its bits, so that the maximum is kept; 0 for none
+//                uv_high high words; the last also has the number of hits
+//   AOV_NEAREST  nearest  minimum depth, stored as the bits of infinity minus those of the depth, because the
+//                         maximum is kept; 0 without a hit
 uniform float position_quanta;  // number of quanta per scene unit in sums of positions
-uniform float position_extent;  // maximum of an absolute coordinate and of a depth
+uniform float position_extent;  // absolute coordinates and depths are clamped to this, in scene units
 uniform float uv_quanta;     // number of quanta per unit in sums of texture coordinates
 uniform float uv_extent;
 
@@ -45,7 +47,7 @@ layout(location = AOV_UV_1) out uvec4 uv_high;
 layout(location = AOV_NEAREST) out uint nearest;
 #endif
 
-// Tested by bits, because compilers may invert a comparison, which changes the result for NaN.
+// Tests bits, because compilers may invert a comparison, which changes the result for NaN.
 bool is_finite(vec3 value)
 {
     return all(notEqual(floatBitsToUint(value) & 0x7f800000u, uvec3(0x7f800000u)));
@@ -102,7 +104,8 @@ void keep_nearest(ivec2 pixel, bool hit, vec3 position)
 #endif
 
 #if defined(AOV_POSITION) || defined(AOV_UV)
-// Adds integer quanta in two words each, and one hit above the low HITS_SHIFT bits of the last high word.
+// Adds a value as integer quanta to sums of two words each. Also counts one hit, in the bits of higher.w above the
+// low HITS_SHIFT.
 void add_exactly(inout uvec4 lower, inout uvec4 higher, vec4 value, float per_unit, float extent)
 {
     vec4 scaled = floor(clamp(value, -extent, extent) * per_unit + 0.5);

@@ -10,7 +10,8 @@
 
 UINT_TEXELS(rg32ui, eye_buffer);  // number of the primitive + 1, and bits of t
 
-// Returns false if the ray along d sees the sky.
+// Finds the surface that the ray of a pixel hits. Returns false if the ray hits none, and so sees the sky. d:
+// direction of the ray.
 bool seen(ivec2 pixel, out vec3 d, out bool front, out Surface s)
 {
     uvec2 found = texel(eye_buffer, pixel).rg;

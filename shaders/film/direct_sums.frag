@@ -1,4 +1,4 @@
-// direct_sums.frag: adds the direct light of a path set's samples, in quanta, to its sums.
+// direct_sums.frag: adds the direct light of one path set, in quanta, to the sums of direct light.
 // Runs over: the pixels of the window. Output: the sums, see accumulate.glsl
 #include "gl/texels.glsl"
 #include "film/accumulate.glsl"

@@ -6,9 +6,10 @@
 //         dielectric.
 const int FOLLOWED = 6;  // maximum number of mirrors that are followed
 
-// Sets d to the direction that most of a surface's light comes from, and `share` to its fraction of it; returns false if there
-// is no such direction.
-// straight: true if a thin dielectric transmits most.
+// Finds the mirrored or refracted direction from which the surface sends more than half of its light to the eye.
+// Returns false if there is none; otherwise sets d to it, `share` to the fraction of light from there, and `side`
+// to -1 if it is behind the surface.
+// straight: true if a thin dielectric transmits this light.
 bool is_clear(Surface s, bool front, inout vec3 d, out vec3 share, out float side, out bool straight)
 {
     vec3 wo = -d, n = shading_normal(s, front, wo), m = mirroring_normal(n, front ? s.normal : -s.normal, wo);
@@ -33,9 +34,9 @@ bool is_clear(Surface s, bool front, inout vec3 d, out vec3 share, out float sid
     return true;
 }
 
-// Moves from the hit of the eye's ray along d to the surface that it shows; returns the fraction of light from there. hit:
-// false if that is the sky, or the background if all surfaces were thin glass (`straight`). Absorption in solid glass is
-// ignored.
+// Follows the eye's ray from its first hit through mirrors and clear glass to the surface that they show. Returns
+// the fraction of light from there. hit: false if the ray ends in the sky, or in the background. straight: true if
+// all surfaces passed were thin glass, so that the eye sees the background. Absorption in solid glass is ignored.
 vec3 follow(inout bool hit, inout vec3 d, inout bool front, inout Surface s, vec3 eye, out bool straight)
 {
     vec3 share = vec3(1.0), from = eye;

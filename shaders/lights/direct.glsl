@@ -1,9 +1,10 @@
 // direct.glsl: light that reaches a surface from the light sample of this path set [PB A.3].
 // Needs:  <CONSTANTS>, <SCENE>; the needs of light_sample.glsl
 //
-// The shadow-buffer stores the triangle that each of its texels sees. A lookup does not compare a stored depth, but intersects
-// the plane of that triangle. Neither depth precision nor texel size can thus make a surface shadow itself. At a silhouette the
-// ray to the light may pass through a triangle that only the next texel sees, which is tested exactly.
+// The shadow-buffer stores the triangle that each of its texels sees. A lookup does not compare a stored depth, but
+// intersects the plane of that triangle. Neither depth precision nor texel size can thus make a surface shadow
+// itself. At a silhouette the ray to the light may pass through a triangle that only a neighbouring texel sees;
+// this triangle is tested exactly.
 #include "gl/texels.glsl"
 #include "shadow/hemicube.glsl"
 #include "lights/light_sample.glsl"
@@ -22,7 +23,7 @@ uniform int light_profile;
 #endif
 #endif
 
-// Plane and corners of a triangle that a texel of the shadow-buffer sees; it may be streamed.
+// Plane and corners of the triangle that a texel of the shadow-buffer sees. This triangle may be streamed.
 #ifdef STREAMED
 #include "scene/stream_records.glsl"
 TEXELS(rgba32f, light_records);
@@ -49,8 +50,8 @@ mat3 corners_lit(int triangle, ivec2 at)
 #define IS_RESIDENT(triangle) true
 #endif
 
-// Returns true if the segment from the light sample along w, from 0 to just before 1, passes through the triangle, on either
-// side.
+// Returns true if the segment along w, from the light sample (0) to just before the surface (1), passes through the
+// triangle from either side. seen_at: texel that sees the triangle.
 // Source: Moeller & Trumbore 1997.
 bool passes_through(vec3 w, int triangle, ivec2 seen_at)
 {
@@ -85,7 +86,7 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     vec2 in_face = vec2(0.5 * (f.x / f.z + 1.0), (f.y / f.z - low) / height) * extent;
     vec2 centre = clamp(floor(in_face), vec2(0.0), extent - 1.0) + 0.5;
 
-    // The four texels around the position. One contains it; of the others, take one that sees another triangle.
+    // Four texels surround the position. One contains it; of the other three, take one that sees another triangle.
     vec2 lower = floor(clamp(in_face, vec2(1.0), extent - 1.0) - 0.5);
     ivec2 at = ivec2(corner + lower + 0.5);
     uvec4 four = uvec4(texel(light_buffer, at).r, texel(light_buffer, at + ivec2(1, 0)).r,
@@ -96,7 +97,7 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     uint beside = upper.x ? row.x : row.y, above = upper.x ? next.y : next.x, across = upper.x ? next.x : next.y;
     int other = int(beside != own ? beside : above != own ? above : across) - 1;
 #ifdef HAS_ALPHA
-    // Transparency is only known at the centres of texels.
+    // Transparency is only known at the centres of texels, so a see-through neighbour is not tested.
     if (other >= 0 && IS_RESIDENT(other) && is_see_through(int(face_texel(other, FACE_CORNERS).w))) other = -1;
 #endif
     ivec2 other_at = at;
@@ -114,8 +115,8 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     float cut = offset / dot(plane.xyz, w);
     if (!(cut > 0.0 && cut < 1.0 - ROUNDING)) return false;
 
-    // Two triangles that meet at an edge would hide each other if one plane is extended past it. Therefore the occluder must be
-    // in front at the texel's centre too, where the buffer is exact.
+    // Of two triangles that meet at an edge, each would hide the other if its plane is extended past the edge.
+    // Therefore the occluder must also be in front at the texel's centre, where the buffer is exact.
     vec2 share = centre / extent;
     vec3 l = hemicube_from_face(face, vec3(2.0 * share.x - 1.0, low + height * share.y, 1.0));
     vec3 c = l.x * light_tangent + l.y * light_bitangent + l.z * light_normal;
@@ -124,7 +125,8 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     return surface <= 0.0 || occluder < surface * (1.0 - ROUNDING);
 }
 
-// `normal` is on the lit side; views: see mis_weight_light. Visibility of infinitely distant light is not tested yet.
+// Returns the light of the path set's light sample. `normal` is on the lit side; views: see mis_weight_light. Light
+// from a source at infinity is not yet tested for visibility.
 DirectLight direct_light(vec3 position, vec3 normal, int receiver, vec4 receiver_plane, int views)
 {
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)

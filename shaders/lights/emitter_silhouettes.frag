@@ -1,6 +1,6 @@
-// emitter_silhouettes.frag: radiance of visible lamps and sky, the mean of a pixel's subsamples.
-// Needs:  <SCENE>, <RAY_BVH>; SUBSAMPLES: their number; HAS_SKY
-// Runs over: the window's pixels at edges of lamps, packed. Output: W sr^-1 m^-2, linear Rec. 709
+// emitter_silhouettes.frag: radiance of the lamps and sky that a pixel sees, averaged over subsamples of the pixel.
+// Needs:  <SCENE>, <RAY_BVH>; SUBSAMPLES: number of subsamples; HAS_SKY
+// Runs over: texels, one for each pixel of the window at an edge of a lamp. Output: W sr^-1 m^-2, linear Rec. 709
 // Frame:  world
 #include "gl/texels.glsl"
 #include <CONSTANTS>
@@ -13,7 +13,7 @@
 #include "scene/ray_bvh.glsl"
 #include "lights/emitter_silhouettes.glsl"
 
-UINT_TEXELS(r32ui, lamp_pixels);  // packed pixel that each texel belongs to
+UINT_TEXELS(r32ui, lamp_pixels);  // for each texel, its pixel as a packed number; 0 for none
 uniform vec2 subsamples[SUBSAMPLES];  // offsets from the set's own sample, in pixels, y up
 
 layout(location = 0) out vec4 light;

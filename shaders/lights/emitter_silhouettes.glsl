@@ -1,6 +1,7 @@
-// emitter_silhouettes.glsl: lamps that a pixel sees with several subsamples; see `glpath.integrators.emitter_silhouettes`.
-// A texel is packed into a number: x + (y << 16) + 1; 0 for none.
-UINT_TEXELS(r32ui, lamp_texel);  // packed position of each pixel's light
+// emitter_silhouettes.glsl: radiance of lamps in the pixels at their edges, from several subsamples; see
+// `glpath.integrators.emitter_silhouettes`.
+// A texel's position is packed into one number: x + (y << 16) + 1; 0 for none.
+UINT_TEXELS(r32ui, lamp_texel);  // for each pixel, packed position of its texel in lamp_light
 TEXELS(rgba32f, lamp_light);
 
 ivec2 unpacked_texel(uint number)
@@ -8,7 +9,8 @@ ivec2 unpacked_texel(uint number)
     return ivec2((number - 1u) & 0xffffu, (number - 1u) >> 16u);
 }
 
-// Sets the radiance of lamps and sky; returns false if the pixel's path computes it.
+// Sets the radiance of lamps and sky that a pixel sees. Returns false if it is not stored, because the pixel's path
+// computes it.
 bool lamps_seen(ivec2 pixel, out vec3 light)
 {
     uint packed_texel = texel(lamp_texel, pixel).r;

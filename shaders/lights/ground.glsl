@@ -1,10 +1,12 @@
-// ground.glsl: hit of the eye's ray with the ground that catches shadows, if it hits no shape; `glpath.integrators.ground`.
-// Needs:  random.glsl; GROUND_LIGHTS; RAY_ROUNDING
-uniform vec4 ground;                        // unit normal of the ground, and distance along it
-uniform vec3 ground_lights[GROUND_LIGHTS];  // directions, distributed by their irradiance on the ground
+// ground.glsl: where an eye ray that hits no shape meets the ground that catches shadows; see
+// `glpath.integrators.ground`.
+// Needs:  random.glsl; GROUND_LIGHTS: number of directions; RAY_ROUNDING
+uniform vec4 ground;  // unit normal of the ground; w: distance of the ground from the origin along it
+// Directions to the sky's light, distributed by their irradiance on the ground.
+uniform vec3 ground_lights[GROUND_LIGHTS];
 
-// Sets the ray from the ground to the light, in one direction of the set; returns false if the eye's ray misses the ground.
-// chance: selects the direction; a different number for each pixel
+// Sets the shadow ray from the ground, in one of the directions of ground_lights; returns false if the eye's ray
+// misses the ground. chance: selects the direction; a different number for each pixel
 bool ground_ray(vec3 origin, vec3 direction, uint chance, out vec3 start, out vec3 to_light)
 {
     float cosine = dot(ground.xyz, direction), height = dot(ground.xyz, origin) - ground.w;

@@ -1,11 +1,12 @@
 // lamp_rectangles.glsl: rectangular lamps of two triangles, sampled by solid angle; `glpath.lights.rectangles` selects them.
-// Needs:  LAMP_RECTANGLES: their number
+// Needs:  LAMP_RECTANGLES: number of these lamps
 // Frame:  world.
 #include "sampling/rectangle.glsl"
 uniform vec3 lamp_rectangles[3 * LAMP_RECTANGLES];  // a corner and two edges of each; the cross product of the edges points out of the front
 uniform int lamp_triangles[LAMP_RECTANGLES];        // index of the first of each rectangle's two triangles
 
-// Distance from a lamp's plane, as a fraction of coordinates, within which rounding hides the side of a position.
+// A position nearer to a lamp's plane than this fraction of its coordinates may be on either side of the plane, by
+// rounding.
 const float IN_PLANE = 1e-5;
 
 // Returns the rectangular lamp of a triangle, seen from a position. The solid angle is 0 if points are sampled uniformly by area
@@ -23,7 +24,8 @@ SeenRectangle seen_lamp(int triangle, bool front, vec3 from)
     return r;
 }
 
-// Density per area of a point in a unit direction at a distance; pdf_area: density of the same point in sampling by area.
+// Density per area with which light samples choose the point of the lamp in a unit direction, at distance t.
+// pdf_area: density if the lamp's points are sampled uniformly by area.
 float lamp_pdf_area(SeenRectangle r, float pdf_area, vec3 direction, float t)
 {
     vec2 extent = r.high - r.low;

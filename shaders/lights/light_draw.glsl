@@ -1,22 +1,24 @@
-// light_draw.glsl: light samples that each path draws separately, used where samples shared by a path set would correlate the
-// errors of all paths. `glpath.lighting` is the same on the CPU, and defines the densities.
-// Needs:  <SCENE>, <CONSTANTS>, <LIGHT_DRAWS>; PARTS: parts of the lights, except those of a tree; surface.glsl,
-//         light_sample.glsl
+// light_draw.glsl: light samples that each path draws separately, used if samples shared by a path set would
+// correlate the errors of all paths. `glpath.lighting` is the same on the CPU, and defines the densities.
+// Needs:  <SCENE>, <CONSTANTS>, <LIGHT_DRAWS>; PARTS: number of parts of the lights, except those of a light tree;
+//         surface.glsl, light_sample.glsl
 // Frame:  world.
 #include <LIGHT_DRAWS>
 #ifdef PARTS
-uniform uvec4 light_parts[PARTS];  // for each part of the lights: first number, count of numbers, first piece and last piece
+// For each part of the lights: first random number, count of such numbers, first and last piece.
+uniform uvec4 light_parts[PARTS];
 #endif
 #ifdef HAS_ENVIRONMENT
 uniform int sky_halves;            // number of half rows of the map
 #ifdef HAS_SUN
-uniform float sun_share;           // fraction of the sky's light that the sun has
+uniform float sun_share;           // fraction of the sky's light that comes from the sun
 #endif
 #endif
 
 float fraction(uint number) { return float(number >> 8u) * (1.0 / 16777216.0); }
 
-// Sets `first` to the last entry of `first` to `last` whose numbers begin at `number` or below.
+// Binary search: sets `first` to the last of the entries `first` to `last` whose random numbers begin at or below
+// `number`.
 #define SEARCH(first, last, number, begins_at)                 \
     while (first < last)                                       \
     {                                                          \
@@ -42,7 +44,7 @@ uint half_begins(int half_row) { return sky_half_texel(half_row, SKY_HALF_CHOICE
 
 uint texel_begins(int at) { return sky_column_texel(at >> 2, SKY_COLUMN_CHOICES)[at & 3]; }
 
-// Draws a direction of the map, like `Environment.directions`. The density is the direction's radiance divided by `weight`. The
+// Draws a direction of the map, like `Environment.directions`. Its density is sky_pdf() divided by `weight`. The
 // weight contains the sine of the angle from up, which `Environment.directions` includes in its tents.
 vec3 map_drawn(vec3 u, out float weight)
 {
@@ -52,11 +54,13 @@ vec3 map_drawn(vec3 u, out float weight)
     uvec4 of = sky_half_texel(first, SKY_HALF_CHOICE);
     int row = int(of.y >> 1u);
     float lower = (of.y & 1u) != 0u ? -1.0 : 1.0, mass = uintBitsToFloat(of.z), rows = float(sky_size.y), theta;
-    if (int(of.y) == 0 || int(of.y) == 2 * sky_size.y - 1) {  // constant beyond the middle of the first and last row
+    // Radiance is constant beyond the middle of these rows.
+    if (int(of.y) == 0 || int(of.y) == 2 * sky_size.y - 1) {
         theta = 2.0 * asin(sqrt(0.5 * u.y * mass));
         if (lower < 0.0) theta = PI - theta;
         weight = 1.0;
-    } else if (int(of.y) == 2 * sky_rows_above - 1 || int(of.y) == 2 * sky_rows_above) {  // and beside a horizon that cuts the map
+    } else if (int(of.y) == 2 * sky_rows_above - 1 || int(of.y) == 2 * sky_rows_above) {
+        // Radiance is also constant beside a horizon across which the map is not interpolated.
         theta = 0.5 * PI + lower * asin(u.y * mass);
         weight = 1.0;
     } else {
@@ -77,7 +81,7 @@ vec3 map_drawn(vec3 u, out float weight)
     return local.x * sky_middle + local.y * cross(sky_up, sky_middle) + local.z * sky_up;
 }
 
-// Draws from the map or the sun; the first number chooses.
+// Draws a direction of the map or of the sun; u.x chooses which.
 vec3 sky_drawn(vec3 u, out float weight)
 {
 #ifdef HAS_SUN
@@ -92,7 +96,8 @@ vec3 sky_drawn(vec3 u, out float weight)
     return map_drawn(u, weight);
 }
 #elif defined(HAS_SKY)
-// Draws by the radiance: by the inverse of the integral below an elevation, `Sky.directions`.
+// Draws a direction by the sky's radiance: inverts the integral of radiance below an elevation, as `Sky.directions`
+// does.
 vec3 sky_drawn(vec3 u, out float weight)
 {
     weight = 1.0;
@@ -114,16 +119,18 @@ vec3 sky_drawn(vec3 u, out float weight)
 #include "lights/lamp_rectangles.glsl"
 #endif
 
-// Draws a point of a lamp's triangle; drawn.pdf holds its weight.
+// Draws a point of a lamp's triangle, as seen from a position. drawn.pdf: density per area; on entry that of
+// sampling by area.
 void draw_on_triangle(inout LightSample drawn, int triangle, bool front, vec3 numbers, vec3 from)
 {
     uvec4 face = face_texel(triangle, FACE_CORNERS);
     vec3 a = vertex_position(face.x), b = vertex_position(face.y), c = vertex_position(face.z);
-    // Area-preserving: parallel lines to the edge opposite corner a.
+    // Area-preserving map: `root` selects a line parallel to the edge opposite corner a, and numbers.y a point on
+    // that line.
     float root = sqrt(numbers.x), unused;
     drawn.position = mix(a, mix(b, c, numbers.y), root);
 #ifdef LAMP_RECTANGLES
-    // Each of its triangles represents the whole lamp.
+    // Each of the two triangles of a rectangular lamp represents the whole lamp.
     SeenRectangle lamp = seen_lamp(triangle, front, from);
     if (lamp.solid_angle > 0.0) {
         vec3 wi = towards_rectangle(lamp, numbers.xy);
@@ -137,7 +144,8 @@ void draw_on_triangle(inout LightSample drawn, int triangle, bool front, vec3 nu
     drawn.radiance = emitted(surface_of_triangle(triangle, drawn.position, plane), front, unused);
 }
 
-// Draws a sample of a piece, for a position; numbers: uniform.
+// Draws a light sample of a piece of the lights, as seen from a position. choice: the piece's LIGHT_PIECE_CHOICE;
+// numbers: uniform in [0, 1).
 LightSample light_on(uvec4 choice, vec3 numbers, vec3 from)
 {
     uint kind = choice.w & 7u;
@@ -187,7 +195,7 @@ LightSample light_on(uvec4 choice, vec3 numbers, vec3 from)
 }
 
 #ifdef PARTS
-// Draws a sample of a part of the lights, for a position; share: probability of this part.
+// Draws a light sample of one part of the lights, as seen from a position; share: probability of this part.
 LightSample light_draw(int part, uvec3 point, vec3 from, out float share)
 {
     uvec4 of = light_parts[part];

@@ -1,8 +1,9 @@
 // light_sample.glsl: unoccluded light of a light sample (`glpath.lights.samples.LightSample`) at a point, and its MIS weight
 // against the direction in which a path continues [PB A.3].
 // Needs:  <CONSTANTS>; HAS_POSITIONAL_LIGHTS, HAS_DISTANT_LIGHTS, HAS_SKY: if the scene has them
-// Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle for the sky.
-// Included here too, because a file is included only once, and sky.glsl may need it without the includes below.
+// Units:  radiance W sr^-1 m^-2; densities per area, or per solid angle for the sky.
+// angles.glsl is included outside the condition, because a file is included only once, and sky.glsl may need it
+// without the condition's includes.
 #include "sampling/angles.glsl"
 #if defined(HAS_POSITIONAL_LIGHTS) || defined(HAS_DISTANT_LIGHTS)
 #include "lights/punctual.glsl"
@@ -19,8 +20,8 @@ float sky_pdf(vec3 direction)
 }
 #endif
 
-// Density per solid angle of the direction in which a path leaves its surface at a cosine; views: number of its possible
-// directions. 0 if only light samples count.
+// Density per solid angle with which a path leaves its surface in a direction; 0 if only light samples count.
+// cosine: between direction and surface normal; views: number of directions that the path can choose from.
 float direction_pdf(float cosine, int views)
 {
 #if defined(WHOLE_SPHERE)
@@ -37,21 +38,24 @@ float power_heuristic(float a, float b)
     return a2 / max(a2 + b2, 1e-37);
 }
 
-// Veach's weight of a light sample of density `pdf` per solid angle, at a cosine to a surface with `views` possible directions
-// of the continuing path. It is 1 without directions, because the path ends and no other sample has this light.
+// MIS weight of a light sample against the continuing path [Veach]. pdf: density of the sample per solid angle;
+// cosine: at the lit surface; views: number of directions that the path can choose from. Without any (0) the weight
+// is 1, because the path ends and no other sample has this light.
 float mis_weight_light(float pdf, float cosine, int views)
 {
     return views == 0 ? 1.0 : power_heuristic(pdf, direction_pdf(cosine, views));
 }
 
-// Weight of emission that a direction of density `pdf` found at a distance, at a cosine to a surface whose light samples have a
-// density per area. Without weights it would count twice.
+// MIS weight of emission that a sampled direction has found, without which emission would count twice. pdf: density
+// of the direction per solid angle; pdf_area: density of light samples per area of the emitter; t: distance;
+// cosine: at the emitter.
 float emission_share(float pdf, float pdf_area, float t, float cosine)
 {
     return power_heuristic(pdf, pdf_area * t * t / max(abs(cosine), 1e-9));
 }
 
-// Fraction of the distance to the light within which occluders are ignored as rounding.
+// Fraction of the segment between light and surface, at its end, in which occluders are ignored because of
+// rounding.
 const float ROUNDING = 1e-5;
 
 struct LightSample
@@ -77,7 +81,7 @@ struct DirectLight
     float pdf;   // density per solid angle; 0 for a punctual light
 };
 
-// `normal` is on the lit side; views: see mis_weight_light.
+// Returns the unoccluded light of a sample at a position. `normal` is on the lit side; views: see mis_weight_light.
 DirectLight light_from(LightSample l, vec3 position, vec3 normal, int views)
 {
     vec3 w = l.position - position;
@@ -100,7 +104,7 @@ DirectLight light_from(LightSample l, vec3 position, vec3 normal, int views)
 #ifdef HAS_PROFILES
         if (l.profile >= 0) E *= profile_intensity(l.profile, -wi);
 #endif
-        // No direction finds a punctual light.
+        // A punctual light has the MIS weight 1, because no sampled direction hits it.
         float share = l.kind == LIGHT_SKY ? mis_weight_light(l.pdf, cos_surface, views) : 1.0;
         found.light = E * (share * cos_surface / (PI * l.pdf));
         found.pdf = l.kind == LIGHT_SKY ? l.pdf : 0.0;

@@ -1,7 +1,7 @@
 // light_samples.glsl: light from points of emitting shapes and directions of the sky, the same for all pixels of a path set.
 // The light samples are those of the path-buffer (`glpath.lighting`), so the engines use the same lights in a set.
-// Needs:  <CONSTANTS>; LIGHT_SAMPLES: their number
-// Units:  radiance W sr^-1 m^-2; a density per area, or per solid angle for the sky.
+// Needs:  <CONSTANTS>; LIGHT_SAMPLES: number of light samples
+// Units:  radiance W sr^-1 m^-2; densities per area, or per solid angle for the sky.
 uniform vec3 sample_position[LIGHT_SAMPLES];   // position of each light sample; for the sky, the unit direction towards it
 uniform vec4 sample_normal[LIGHT_SAMPLES];     // unit normal of the emitting side; w: 1 for the sky
 uniform vec3 sample_radiance[LIGHT_SAMPLES];   // radiance divided by pi, by the density and by the number of samples
@@ -10,7 +10,7 @@ struct Incident
 {
     vec3 wi;
     float distance;  // distance to the light sample, infinite for the sky
-    vec3 E;          // irradiance over pi; 0 if the light faces away
+    vec3 E;          // irradiance divided by pi; 0 if the light faces away
 };
 
 Incident light_sample(int i, vec3 position, vec3 normal)

@@ -3,7 +3,8 @@
 // Needs:  <LIGHT_DRAWS>, from light_draw.glsl; constants.glsl
 // Frame:  world.
 
-// Cosine of the difference of two angles a - b, or of 0 if b is larger; sine: sine of that difference.
+// Returns the cosine of the difference of two angles, a - b, or of 0 if b is larger than a; sine: sine of the same
+// angle.
 float cosine_less(float cos_a, float sin_a, float cos_b, float sin_b, out float sine)
 {
     bool less = cos_a >= cos_b;
@@ -11,7 +12,8 @@ float cosine_less(float cos_a, float sin_a, float cos_b, float sin_b, out float 
     return less ? 1.0 : cos_a * cos_b + sin_a * sin_b;
 }
 
-// Upper bound of the irradiance of a child's lights at a position.
+// Upper bound of the irradiance at a position from the lights of a child of a tree node; ball, cone: bounds of
+// these lights.
 float light_importance(uvec4 ball, uvec4 cone, vec3 position, vec3 normal)
 {
     vec3 away = position - uintBitsToFloat(ball.xyz);
@@ -22,7 +24,7 @@ float light_importance(uvec4 ball, uvec4 cone, vec3 position, vec3 normal)
     axis.x += axis.x >= 0.0 ? -fold : fold;
     axis.y += axis.y >= 0.0 ? -fold : fold;
     float r2 = radius * radius, d2 = max(dot(away, away), 1e-30), over = inversesqrt(d2);
-    // Angle that the ball subtends; the whole sphere from inside.
+    // Half the angle that the ball subtends; a position inside the ball sees it in all directions.
     float sin2_ball = min(r2 / d2, 1.0), sin_ball = sqrt(sin2_ball);
     float cos_ball = sin2_ball < 1.0 ? sqrt(1.0 - sin2_ball) : -1.0;
     float cos_axis = dot(axis, away) * over * inversesqrt(dot(axis, axis));
@@ -47,10 +49,10 @@ vec2 light_importances(int node, vec3 position, vec3 normal, out ivec2 children)
 // Number of tree levels for which the bits of one random number suffice. After these levels a new number is drawn.
 const int LEVELS_OF_A_NUMBER = 12;
 
-// The loops below repeat the condition of their start. After a lane has left a loop, llvmpipe (22.3) still changes values that
-// the lane computes without a condition, until the other lanes have left it.
+// The loops below test the condition of their start again inside. After a lane has left a loop, llvmpipe (22.3)
+// would otherwise continue to change the lane's values until the other lanes have left the loop.
 
-// Returns the light that a random number selects, and its probability: 0 if no light reaches the position.
+// Returns the light that a random number selects; chance: its probability, 0 if no light reaches the position.
 int light_of_tree(vec3 position, vec3 normal, uint number, out float chance)
 {
     float u = fraction(number);
@@ -73,7 +75,8 @@ int light_of_tree(vec3 position, vec3 normal, uint number, out float chance)
     return node < 0 ? -1 - node : 0;
 }
 
-// Probability with which `light_of_tree` selects the light at the end of a trail.
+// Probability with which `light_of_tree` selects the light at the end of a trail: one bit for each level, 1 for the
+// right child.
 float light_chance(uint trail, vec3 position, vec3 normal)
 {
     float chance = 1.0;
@@ -91,7 +94,7 @@ float light_chance(uint trail, vec3 position, vec3 normal)
     return chance;
 }
 
-// Density per area of light samples drawn for a position, on a side of an emitting triangle.
+// Density per area of the light samples that are drawn for a position on one side of an emitting triangle.
 float tree_pdf_area(int shape, int triangle, bool front, vec3 position, vec3 normal)
 {
     uvec4 of = light_shape_texel(shape, LIGHT_SHAPE_FIRST);

@@ -1,10 +1,12 @@
-// portals.glsl: openings for the light of the sky, `glpath.scene.portal`: light samples in their solid angle.
-// Needs:  PORTALS: their number; light_sample.glsl with HAS_SKY
+// portals.glsl: light samples of the sky through portals, rectangles around openings, by solid angle; see
+// `glpath.scene.portal`.
+// Needs:  PORTALS: number of portals; light_sample.glsl with HAS_SKY
 // Frame:  world. Units: densities per solid angle.
 #include "sampling/rectangle.glsl"
 
-// Fraction of the sky's light samples that are drawn through portals if some are in front. The others are drawn by the sky's
-// radiance. They find small suns and light from other directions, and make the mean unbiased.
+// Fraction of the sky's light samples that are drawn through portals, if any portal faces the position. The others
+// are drawn by the sky's radiance. They find small suns and light from outside the portals, and make the mean
+// unbiased.
 const float PORTAL_SHARE = 0.75;
 
 uniform vec3 portals[3 * PORTALS];  // a corner and two edges of each portal; the edges' cross product points inwards
@@ -15,7 +17,7 @@ SeenRectangle seen_portal(int k, vec3 from)
     return seen_rectangle(portals[3 * k], portals[3 * k + 1], portals[3 * k + 2], from);
 }
 
-// Density of a light sample of the sky, from a position in a direction.
+// Density per solid angle, in a direction, of the sky's light samples that are drawn for a position.
 float sky_pdf(vec3 from, vec3 direction)
 {
     float through = 0.0, all_around = 0.0;
@@ -29,7 +31,8 @@ float sky_pdf(vec3 from, vec3 direction)
     return all_around > 0.0 ? mix(whole, sky_chance * through / all_around, PORTAL_SHARE) : whole;
 }
 
-// Draws a direction through one of the portals, chosen by solid angle; number: uniform. Returns false behind all portals.
+// Draws a direction through one of the portals, chosen by solid angle; number: uniform. Returns false if the
+// position is behind all portals.
 bool portal_drawn(vec3 from, float number, vec2 u, out vec3 wi)
 {
     float all_around = 0.0;
@@ -47,7 +50,7 @@ bool portal_drawn(vec3 from, float number, vec2 u, out vec3 wi)
     return all_around > 0.0;
 }
 
-// Draws a light sample of the sky: a direction whose density is `sky_pdf` over `weight`.
+// Draws a light sample of the sky: a direction whose density is `sky_pdf` divided by `weight`.
 vec3 sky_drawn(vec3 from, vec3 u, out float weight)
 {
     vec3 wi;

@@ -1,4 +1,5 @@
-// profile.glsl: intensity of a light with a photometric profile in a direction; `glpath.scene.profile` is the same on the CPU.
+// profile.glsl: intensity that a light with a photometric profile emits in a direction; `glpath.scene.profile` is
+// the same on the CPU.
 // Needs:  <SCENE>, HAS_PROFILES
 // Units:  W sr^-1
 #include "sampling/angles.glsl"

@@ -1,13 +1,14 @@
 // sky.glsl: radiance of rays that hit nothing: a blend from the horizon (and below) to the zenith by the sine of the elevation,
 // or a bilinearly filtered environment map, and the sun. `glpath.scene.sky` is the same on the CPU.
-// Needs:  <SCENE> if HAS_ENVIRONMENT is set; HAS_SUN: the map also has a disc
+// Needs:  <SCENE> if HAS_ENVIRONMENT is set; HAS_SUN: the map also has a sun, a disc of constant radiance
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 #include "sampling/angles.glsl"
 #ifdef HAS_ENVIRONMENT
 uniform ivec2 sky_size;
 uniform vec3 sky_middle;  // unit direction to the middle of the map
 uniform vec3 sky_up;
-uniform int sky_rows_above;  // number of rows above the horizon if the map's rows are not blended there; otherwise 0
+// Number of rows above the horizon if the map is not interpolated across the horizon; otherwise 0.
+uniform int sky_rows_above;
 #ifdef HAS_SUN
 uniform vec3 sun_direction;  // unit direction to the sun
 uniform float sun_square_chord;  // squared chord from the middle of the sun to its rim, on the unit sphere
@@ -20,7 +21,8 @@ vec3 sun(vec3 direction)
 }
 #endif
 
-// row: clamped to the rows `blended`, first to last
+// Returns the radiance of a row, interpolated between two columns; row: clamped to the rows from blended.x to
+// blended.y.
 vec3 sky_row(int row, ivec2 blended, ivec2 columns, float share)
 {
     int first = clamp(row, blended.x, blended.y) * sky_size.x;

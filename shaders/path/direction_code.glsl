@@ -1,6 +1,8 @@
-// direction_code.glsl: encodes the direction in which a path continues in the w of its position.
-// The code is 0 for a path that has ended. Otherwise its magnitude is the cosine between direction and surface, in (0, 1], plus 2
-// times the index of the path's view. The code is negative if the path runs against the view's direction.
+// direction_code.glsl: encodes in one float, the w component of a path's position, the direction in which the path
+// continues.
+// The code is 0 for a path that has ended. Otherwise its magnitude is 2 times the index of the path's view, plus
+// the absolute cosine between the direction and the surface normal, in (0, 1]. The code is negative if the path
+// runs against the view's direction.
 float pack_direction(int view, float cosine)
 {
     return cosine < 0.0 ? cosine - 2.0 * float(view) : cosine + 2.0 * float(view);

@@ -1,6 +1,7 @@
 // lanes.glsl: maps a fragment to the pixel whose path it traces, and to the pixels that share its random numbers.
-// Needs:  LANE_STRIDE: distance between pixels that share numbers; LANES: number of such pixels, across and up; image_window. Without LANE_STRIDE no
-//         pixels share numbers
+// Needs:  LANE_STRIDE: distance in pixels between pixels that share random numbers; without it, no pixels share
+//         them
+//         LANES: number of pixels that share random numbers, horizontally and vertically; image_window
 //
 // A processor runs as many fragments at once as its vectors have lanes, and all lanes wait for the slowest. With the same random
 // numbers, their paths are similar in lobe, light and length. A denoiser would take the correlated noise of neighbouring pixels
@@ -9,8 +10,8 @@
 const ivec2 LANE_TILE = LANES * LANE_STRIDE;
 #endif
 
-// Returns the pixel of a fragment, inside the window. At the window's ends, without room for a whole tile of lanes, it is the
-// pixel of the fragment itself.
+// Returns the pixel whose path a fragment traces, inside the window. If a whole tile of lanes would extend beyond
+// the window, it is the fragment's own pixel.
 ivec2 pixel_of_fragment(ivec2 fragment, ivec2 window_size)
 {
 #ifdef LANE_STRIDE
@@ -22,8 +23,8 @@ ivec2 pixel_of_fragment(ivec2 fragment, ivec2 window_size)
 #endif
 }
 
-// Index of a pixel's random numbers. It refers to the whole image, so that a window has the same bits as that part of the
-// image.
+// Returns the index that selects a pixel's random numbers. It is computed from coordinates in the whole image, so a
+// window rendered alone has the same bits as that part of the whole image.
 uint shared_path(ivec2 pixel)
 {
     ivec2 whole = pixel + image_window.xy;

@@ -1,4 +1,5 @@
-// path_arrival.glsl: vertex that the scan found for a path, and emission found there or in the sky.
+// path_arrival.glsl: vertex at which a path arrives, found by a scan, and the emission of its surface or of the
+// sky.
 // Needs:  surface.glsl, direct.glsl, path_next.glsl, ray_record.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 #include "gl/texels.glsl"
@@ -25,8 +26,8 @@ struct Arrival
     bool front;       // true if the path arrives on its front
     float t;          // distance from the previous vertex
     vec3 wo;          // unit direction back along the path
-    vec3 throughput;  // throughput without the reflection at this vertex
-    vec4 radiance;    // radiance summed so far; a: see accumulate.glsl
+    vec3 throughput;  // throughput before the reflection at this vertex
+    vec4 radiance;    // radiance summed so far; a: events of the path, see accumulate.glsl
 };
 
 Arrival arrive(ivec2 pixel)
@@ -41,7 +42,7 @@ Arrival arrive(ivec2 pixel)
     if (a.triangle != PATH_DEAD) a.radiance.a += scan_events(a.triangle);
 #ifdef HAS_SKY
     if (a.triangle == PATH_MISSED) {
-        // The sky is weighted against the light sample of the previous vertex, as emission is.
+        // MIS weight of the sky against the light sample of the previous vertex, as for emission below.
         float direction_code = texel(path_position, pixel).w;
         float escaped = direction_pdf(coded_cosine(direction_code), path_views);
         vec3 seen = path_d[coded_view(direction_code)] * sign(direction_code);
@@ -63,8 +64,8 @@ Arrival arrive(ivec2 pixel)
     a.surface = hit_surface(a.triangle, pixel, a.position, a.plane);
     a.front = front_hit(a.plane.xyz, d);
 
-    // Emission is weighted against the light sample of the previous vertex [Veach 1997], because it would otherwise count
-    // twice.
+    // MIS weight of emission against the light sample of the previous vertex [Veach 1997]. Without it, emission
+    // would count twice.
     float pdf_area;
     vec3 Le = emitted(a.surface, a.front, pdf_area);
     float pdf = direction_pdf(coded_cosine(from.w), path_views);

@@ -1,20 +1,21 @@
 // path_direct.glsl: light samples for the vertices of paths with per-path rays.
-// Needs:  LIGHTS: number of light samples of a set; PARTS: parts of the lights, see direct_light; OWN_LIGHT_SAMPLES: each path
-//         draws its own light samples; LIGHT_TREE: number of samples that each vertex draws by a tree, PARTS are then of the
-//         other lights; path_numbers.glsl, ray_bvh.glsl, and the needs of light_sample.glsl
+// Needs:  LIGHTS: number of light samples drawn for a path set; PARTS: number of parts into which the lights are
+//         divided, see direct_light; OWN_LIGHT_SAMPLES: each path draws its own light samples; LIGHT_TREE: number
+//         of samples that each vertex draws by a light tree, with PARTS for lights outside the tree only;
+//         path_numbers.glsl, ray_bvh.glsl, and the needs of light_sample.glsl
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 #ifdef OWN_LIGHT_SAMPLES
 #include "lights/light_draw.glsl"
 #ifdef LIGHT_TREE
 #include "lights/light_tree.glsl"
 #endif
-uniform uvec3 sequence_point;           // point of the sequence
+uniform uvec3 sequence_point;           // the path set's point of the sequence
 #else
 uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
 #endif
 
 #ifdef OWN_LIGHT_SAMPLES
-// Sequence point, shifted for each vertex of each branch.
+// Returns the path set's sequence point, shifted differently for each path, branch and vertex.
 uvec3 light_point(PathId at)
 {
     uint first = pcg(path_seed + 4096u + uint(BRANCHES * at.depth + at.branch)), second = pcg(first);
@@ -22,7 +23,7 @@ uvec3 light_point(PathId at)
 }
 
 #ifdef PARTS
-// Light sample with the point shifted for each part of the lights too.
+// Draws a light sample of one part of the lights. The sequence point is also shifted for each part.
 LightSample light_of(PathId at, int part, vec3 from, out float share)
 {
     return light_draw(part, light_point(at) ^ (0x9E3779B9u * uint(part)), from, share);
@@ -41,7 +42,8 @@ LightSample light_in(int number, out float share)
 #endif
 }
 
-// The set has few light samples. Classes of paths share them, and a path uses those of another class at each vertex.
+// A path set has only LIGHTS light samples. Paths are hashed into classes that share samples, one for each part of
+// the lights. At each vertex, a path uses the samples of another class.
 LightSample light_of(PathId at, int part, vec3 from, out float share)
 {
     uint other = 5u * uint(at.depth + at.branch);
@@ -51,8 +53,9 @@ LightSample light_of(PathId at, int part, vec3 from, out float share)
 #endif
 
 #ifdef LIGHT_TREE
-// Reservoir sampling: returns true if a sample replaces the previous samples. In the end, each sample is chosen with a
-// probability proportional to its weight. number: uniform in [0, 1); the returned remainder is uniform, too.
+// Reservoir sampling: returns true if this sample replaces the one chosen so far. After all samples, each is the
+// chosen one with a probability proportional to its weight.
+// sum: sum of the weights so far. number: uniform in [0, 1); rescaled on return, so that it is uniform again.
 bool is_taken(float weight, inout float sum, inout float number)
 {
     sum += weight;
@@ -62,9 +65,10 @@ bool is_taken(float weight, inout float sum, inout float number)
     return taken;
 }
 
-// Direct light without a test for shadows; views: see mis_weight_light.
-// A path chooses one of several samples in proportion to their light [Talbot 2005]. The samples are some of the tree, for evenly
-// spaced numbers that choose a light, and one of each part of the other lights.
+// Returns direct light without a shadow test; views: see mis_weight_light.
+// Draws several light samples and chooses one, with a probability proportional to its unoccluded light [Talbot
+// 2005]. LIGHT_TREE samples come from the tree, which chooses their lights by evenly spaced numbers. One more
+// sample comes from each part of the other lights.
 DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out LightSample light_sample)
 {
     uvec3 point = light_point(at);
@@ -101,8 +105,9 @@ DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out L
     return direct;
 }
 #else
-// Direct light without a test for shadows; views: see mis_weight_light.
-// Each part of the lights has a sample; a path chooses one by their light [Talbot 2005].
+// Returns direct light without a shadow test; views: see mis_weight_light.
+// Draws one light sample from each part of the lights, and chooses one of them with a probability proportional to
+// its unoccluded light [Talbot 2005].
 DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out LightSample light_sample)
 {
     int selected = 0;
@@ -133,12 +138,13 @@ DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out L
 }
 #endif
 
-// Adds the light of a light sample if it is unoccluded. start: off the surface of a triangle, by `rounding`.
+// Adds `lit`, the light of a light sample, to L if the sample is visible. start: start of the shadow ray, at
+// distance `rounding` from the surface of `triangle`.
 void add_unblocked(
     inout vec3 L, vec3 lit, PathId at, DirectLight direct, LightSample light_sample, vec3 start, float rounding, int triangle)
 {
     if (max(lit.r, max(lit.g, lit.b)) > 0.0) {
-        // The ray ends just before the light, so that its own triangle does not occlude it.
+        // The ray ends just before the light, so that the light's own triangle does not occlude it.
         vec3 to_light = direct.distant ? direct.wi : light_sample.position - start;
         float tmax = direct.distant ? NO_HIT : 1.0 - ROUNDING - rounding / direct.distance;
 #ifdef HAS_ALPHA

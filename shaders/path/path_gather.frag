@@ -1,7 +1,7 @@
-// path_gather.frag: end of a path at the radiosity solution [PB 4, A.4]: the irradiance of the found surface is looked up and
-// reflected. Direct light comes from the light sample, except for a fraction that the solution includes. Emission came from the
-// previous vertex's light sample, or was found with the surface.
-// A path continues instead if its last segment is so short that the width of the solution's element would be visible.
+// path_gather.frag: end of a path, where the radiosity solution replaces further bounces [PB 4, A.4]. The
+// irradiance of the hit surface is looked up and reflected. Direct light comes from the light sample, except for a
+// fraction that the solution includes. Emission was added on arrival, with its MIS weight.
+// A path continues instead if its last segment is so short that the element size of the solution would be visible.
 // Runs over: the pixels of the window. Output: see path_state.glsl
 #include <CONSTANTS>
 #include <SCENE>
@@ -19,7 +19,8 @@
 #endif
 #include "path/path_state.glsl"
 
-uniform float lookup_distance;  // maximum distance at which a path continues, in the element's minimum distances, before a random factor
+// A path continues if its segment is shorter than this, times a random number in [0, 1), times min_lookup_distance.
+uniform float lookup_distance;
 
 void main()
 {
@@ -30,7 +31,7 @@ void main()
         PathVertex v = path_vertex(a.surface, a.triangle, a.plane, a.front, a.wo);
         uint path = path_in_image(pixel);
 #ifdef STREAMED
-        // The solution is of a proxy, and a streamed triangle has no elements in it.
+        // The solution was computed on a proxy mesh, which has no elements for streamed triangles.
         bool streamed = a.triangle >= first_streamed;
 #else
         const bool streamed = false;

@@ -1,8 +1,10 @@
-// path_guide.frag: light that arrives at the points of a guide from each cell of directions.
-// Needs:  GUIDE_LEVELS; GUIDE_POINTS, GUIDE_RAYS: number of points of a guide, and of rays of a cell, which divides it;
-//         ALL_LIGHT; the needs of light_sample.glsl
-// Runs over: a square of 2^GUIDE_LEVELS pixels, the cells, for each guide, row by row. Output: root mean square of radiance, W
-//            sr^-1 m^-2, as the mean of the channels
+// path_guide.frag: light that arrives at a guide's points, for each cell of the guide's grid of directions.
+// Needs:  GUIDE_LEVELS; GUIDE_POINTS: number of points of a guide; GUIDE_RAYS: number of rays for each cell, a
+//         divisor of GUIDE_POINTS; ALL_LIGHT; the needs of light_sample.glsl
+// Runs over: a square of 2^GUIDE_LEVELS x 2^GUIDE_LEVELS pixels for each guide, one pixel for each cell; squares
+//            lie row by row.
+// Output: root mean square of the radiance along a cell's rays, W sr^-1 m^-2; radiance is the mean of its colour
+//         channels
 // Frame:  world
 #include "gl/texels.glsl"
 #include <CONSTANTS>
@@ -16,7 +18,7 @@
 #include "bsdf/cosine.glsl"
 #ifdef HAS_THIN_DIELECTRICS
 #include "bsdf/lobes.glsl"
-const int MAX_THIN_DIELECTRICS = 8;  // maximum number of thin dielectrics in succession
+const int MAX_THIN_DIELECTRICS = 8;  // maximum number of thin dielectrics that a ray passes in succession
 #endif
 #include <GUIDE_POINTS_STORE>
 
@@ -24,7 +26,8 @@ uniform int guide_count;
 uniform int guides_across;
 layout(location = 0) out float found;
 
-// Reflected light, and emission weighted against light samples.
+// Returns the radiance along a ray: light reflected according to the radiosity solution, and emission or sky with
+// its MIS weight against light samples. own: triangle that the ray leaves.
 vec3 light_along(vec3 start, vec3 normal, vec3 direction, int own)
 {
     float pdf = dot(normal, direction) / PI;
@@ -67,7 +70,8 @@ void main()
     found = 0.0;
     if (guide >= guide_count) return;
     uint number = uint((guide * SIDE + cell.y) * SIDE + cell.x);
-    // Neighbouring cells use the points in turn; the rays of one cell use points far apart.
+    // Neighbouring cells start at different points of the guide. The points of one cell's rays are evenly spaced in
+    // the guide's list.
     int first = (cell.x + 5 * cell.y) % (GUIDE_POINTS / GUIDE_RAYS);
     float sum = 0.0;
     for (int k = 0; k < GUIDE_RAYS; ++k)
@@ -75,7 +79,8 @@ void main()
         vec4 from = guide_point_texel(guide * GUIDE_POINTS + first + k * (GUIDE_POINTS / GUIDE_RAYS), GUIDE_POINT_POSITION);
         int own = int(from.w);
         vec3 normal = facet_texel(own, FACET_PLANE).xyz, far = abs(from.xyz);
-        // Shifted sequence of the golden ratio.
+        // R2 sequence, which extends the golden-ratio sequence to two dimensions, with a random shift for each
+        // cell.
         vec2 within = fract(vec2(random_number(number, 0u), random_number(number, 1u)) + float(k) * vec2(0.7548777, 0.5698403));
         vec3 direction = cosine_direction(normal, (vec2(cell) + within) / float(SIDE));
         vec3 start = from.xyz + RAY_ROUNDING * max(far.x, max(far.y, far.z)) * normal;

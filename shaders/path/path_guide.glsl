@@ -1,9 +1,10 @@
-// path_guide.glsl: directions sampled by the incident light; see `glpath.integrators.path_guide`.
-// Needs:  <PATH_GUIDE>; radiosity.glsl; GUIDES_SHARED: elements share guides
+// path_guide.glsl: samples a direction of diffuse reflection by a guide, a stored distribution of the incident
+// light; see `glpath.integrators.path_guide`.
+// Needs:  <PATH_GUIDE>; radiosity.glsl; GUIDES_SHARED: several elements share a guide
 // Source: Clarberg et al. 2005, Wavelet importance sampling (hierarchical sample warping).
 #include <PATH_GUIDE>
 
-// Returns the index of the guide of an element's front.
+// Returns the index of the guide for the front of the element at a position.
 int guide_at(LatticePosition position)
 {
     int element = position.element;
@@ -15,7 +16,7 @@ int guide_at(LatticePosition position)
 #endif
 }
 
-// Warps a uniform point u of the unit square by the guide's light; pdf: its density in the square.
+// Warps a uniform point u in the unit square to the density of the guide's light; pdf: density of the warped point.
 vec2 guided(int guide, vec2 u, out float pdf)
 {
     int level_first = guide * GUIDE_NODES;
@@ -35,6 +36,6 @@ vec2 guided(int guide, vec2 u, out float pdf)
         pdf *= 4.0 * (above ? column.y : column.x) / all;
         cell = 2 * cell + ivec2(right, above);
     }
-    // Rounding may reach one.
+    // Rounding may bring u to 1, which is outside the cell.
     return (vec2(cell) + clamp(u, 0.0, 0.9999999)) / float(1 << GUIDE_LEVELS);
 }

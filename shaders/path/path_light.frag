@@ -1,5 +1,6 @@
-// path_light.frag: adds light from infinitely far to paths whose scan along its direction hit nothing.
-// Runs over: the pixels of the window. Output: additional radiance of a path, or, after the last vertex, the sums.
+// path_light.frag: adds the light of a source at infinity to each path for which a scan towards that source hit
+// nothing.
+// Runs over: the pixels of the window. Output: radiance to be added to each path, or, with LAST_VERTEX, the sums.
 #include "gl/texels.glsl"
 #include "path/ray_record.glsl"
 #include "path/path_result.glsl"
@@ -16,7 +17,8 @@ layout(location = 1) out vec4 direct;
 #endif
 #endif
 #ifdef SPLIT_LIGHT
-uniform bool first_vertex;  // true if only this surface has reflected the light
+// True if the light is reflected at the path's first vertex, so that it counts as direct light.
+uniform bool first_vertex;
 #endif
 
 TEXELS(rgba32f, distant_start);

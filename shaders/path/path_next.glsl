@@ -1,14 +1,15 @@
 // path_next.glsl: direct light at a vertex, and the shared direction in which its path continues [PB A.3, table 6].
 // Needs:  <SCENE>, path_vertex.glsl, direct.glsl, random.glsl, direction_code.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
-uniform vec3 next_directions[VIEWS];  // next directions, shared by all paths [PB 3.1]
+uniform vec3 next_directions[VIEWS];  // directions in which paths continue, shared by all paths of a set [PB 3.1]
 uniform int next_views;         // number of directions that a path can choose from
 uniform bool roulette;          // true if paths end by Russian roulette (Arvo & Kirk 1990)
-uniform float cosine_roulette;  // see below
+// Probability that a path continues, per unit of its cosine with the surface; see go_on.
+uniform float cosine_roulette;
 
 #ifdef HAS_DISTANT_LIGHTS
-// Light from infinitely far that this vertex reflects if a scan along the light's direction hits nothing. pending_start.w is the
-// code of direction_code.glsl, or 0 without such light.
+// Light from a source at infinity, reflected by this vertex. It is pending: it counts only if a scan towards the
+// source hits nothing. pending_start: start of that scan; w: code of direction_code.glsl, 0 if nothing is pending.
 vec4 pending_start = vec4(0.0);
 vec3 pending_light = vec3(0.0);
 #endif
@@ -19,8 +20,8 @@ vec3 last_lit;  // light of the light sample at this vertex
 
 struct PathState
 {
-    vec4 position;  // position of the next vertex's start; w: see direction_code.glsl
-    vec3 beta;      // throughput, including the next reflection
+    vec4 position;  // start of the path's next segment; w: see direction_code.glsl
+    vec3 beta;      // throughput, including the reflection at `position`
     vec3 radiance;
 };
 
@@ -29,8 +30,9 @@ PathState ended(vec3 radiance)
     return PathState(vec4(0.0), vec3(0.0), radiance);
 }
 
-// Light of the light sample that the eye receives from here. Light from infinitely far stays pending. `views`: number of
-// directions that the path can choose from when it continues, 0 if it ends.
+// Returns the light that the eye receives from the light sample by reflection at this vertex. Light from a source
+// at infinity is left pending instead. `views`: number of directions that the path can choose from when it
+// continues, 0 if it ends.
 vec3 lit(PathVertex v, uint path, vec3 beta, int views)
 {
     DirectLight direct = direct_light(v.surface.position, v.normal, v.triangle, v.plane, views);
@@ -44,8 +46,9 @@ vec3 lit(PathVertex v, uint path, vec3 beta, int views)
 #endif
 #ifdef HAS_DISTANT_LIGHTS
     if (direct.distant) {
-        // A surface at grazing incidence gets little light, but its paths would displace others from their cells. The
-        // probability is twice that of continuing paths, because there is only one direction, with all cells.
+        // A surface at grazing incidence receives little light, but its paths would displace others from their
+        // cells. The probability is twice that of continuing paths, because the light's single direction has all
+        // cells to itself.
         float chance = min(1.0, 2.0 * dot(v.normal, direct.wi) * cosine_roulette);
         bool asks = max(lit.r, max(lit.g, lit.b)) > 0.0 && random_number(path, USE_LIGHT) < chance;
         if (asks) pending_start = vec4(v.surface.position, 1.0);
@@ -62,19 +65,19 @@ PathState go_on(PathVertex v, uint path, vec3 beta, vec3 radiance)
     float c = dot(v.normal, next_directions[0]);
     int view = 0;
 #if defined(WHOLE_SPHERE)
-    // The paper's density 1 / (4 pi): a path ends if its direction is below the surface.
+    // Uniform density 1 / (4 pi) over the sphere [PB]: a path ends if its direction is below the surface.
     if (c <= 0.0) return ended(radiance);
     float weight = 4.0 * c;
 #else
     float weight = 1.0;
     if (next_views == 2) {
-        // Both uniform directions are turned to the visible side. The direction nearer to the normal then has the density
-        // cosine / pi, that of a Lambertian surface.
+        // Both directions are uniform on the sphere and are flipped to the visible side. The direction nearer to
+        // the normal then has the density cosine / pi, which suits a Lambertian surface.
         float other = dot(v.normal, next_directions[VIEWS - 1]);
         if (abs(other) > abs(c)) { c = other; view = 1; }
     } else {
-        // Paths of a surface seen edge-on carry little light and crowd into few cells. They continue with a probability in
-        // proportion to the cosine.
+        // Paths that leave a surface at a grazing angle carry little light and crowd into few cells. They continue
+        // with a probability proportional to the cosine.
         float chance = min(1.0, abs(c) * cosine_roulette);
         if (random_number(path, USE_COSINE) >= chance) return ended(radiance);
         weight = 2.0 * abs(c) / chance;

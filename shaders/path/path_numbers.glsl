@@ -1,19 +1,21 @@
 // path_numbers.glsl: random numbers of a path's vertices.
-// Needs:  BRANCHES of a path; BOUNCES: number of bounces whose directions come from the sequence; START_POINTS; random.glsl
+// Needs:  BRANCHES: number of branches of a path; BOUNCES: number of bounces, from the first, whose directions come
+//         from the sequence; START_POINTS; random.glsl
 //
-// A path set has a sequence point for each bounce. Each path shifts this point by its own numbers, which are the same in every
-// set. The points of a pixel are thus as even as the sequence, and the points of two pixels are independent.
+// Each path set has one sequence point for each bounce. Each path shifts this point by random numbers of its own,
+// which are the same in every set. The points of one pixel are thus as evenly spread as the sequence, and the
+// points of two pixels are independent.
 uniform uint path_seed;              // seed of the paths' shifts
 uniform uvec2 direction_points[BRANCHES * BOUNCES];
 uniform uint choice_points[BRANCHES * BOUNCES];
-uniform bool lattice;                // true if the first direction is a lattice point, the others Sobol points
+uniform bool lattice;                // true if the first bounce uses lattice points, and later bounces Sobol points
 
 float unit(uint bits)
 {
     return float(bits >> 8u) * (1.0 / 16777216.0);
 }
 
-// Position of a path on its branches.
+// Identifies a vertex: its path, its branch, and its index along that branch.
 struct PathId
 {
     uint path;
@@ -21,7 +23,8 @@ struct PathId
     int branch;
 };
 
-// Random number for a use of random.glsl, or 0 and 1, at each vertex of each branch.
+// Random number in [0, 1), different for each vertex, branch and use. use: USE_ constant of random.glsl, or 0 and 1
+// for the two numbers of a direction.
 float random_at(PathId at, uint use)
 {
     return random_number(at.path, 8u * uint(BRANCHES * at.depth + at.branch + 1) + use);
@@ -44,7 +47,7 @@ void opacity_key_at(PathId at, uint use)
 }
 #endif
 
-// Number that chooses the part of the lights for a vertex.
+// Random number in [0, 1) by which a vertex chooses one of its light samples.
 float choice_number(PathId at)
 {
     if (at.depth >= BOUNCES) return random_at(at, USE_LIGHT);
@@ -52,7 +55,8 @@ float choice_number(PathId at)
     return unit(point ^ pcg(at.path + pcg(path_seed + 2u * uint(at.depth) + 1u)));
 }
 
-// Points of a lattice are shifted by addition, points of a net by exclusive or.
+// Returns two numbers in [0, 1) that determine a path's next direction. Lattice points are shifted by addition,
+// points of a digital net (Sobol) by exclusive or.
 vec2 direction_numbers(PathId at)
 {
     if (at.depth >= BOUNCES) return vec2(random_at(at, 0u), random_at(at, 1u));

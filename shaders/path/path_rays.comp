@@ -1,4 +1,5 @@
-// path_rays.comp: see path_rays.glsl. It is for graphics cards, many of which use only few cores for fragments.
+// path_rays.comp: compute shader of path_rays.glsl, for graphics cards; many of them run fragment shaders on few
+// cores only.
 // Needs:  COMPUTE
 // Runs over: the pixels of an area of the window, 8 x 8 in a group. Output: the sums, see accumulate.glsl
 #include "path/path_rays.glsl"

@@ -1,6 +1,7 @@
-// path_rays.glsl: whole paths, each with its own directions and light samples; rays are cast by the BVH.
-// Needs:  BRANCHES of a path, which split at its first vertex; EMITTER_SILHOUETTES; GATHER, GUIDED; START_POINTS: paths start
-//         at points instead of an eye; the needs of path_numbers.glsl and path_direct.glsl
+// path_rays.glsl: traces whole paths, each with its own directions and light samples, through a BVH.
+// Needs:  BRANCHES: number of branches into which a path splits at its first vertex; EMITTER_SILHOUETTES; GATHER,
+//         GUIDED; START_POINTS: paths start at points instead of an eye; the needs of path_numbers.glsl and
+//         path_direct.glsl
 // Frame:  world. Units: radiance W sr^-1 m^-2, linear Rec. 709.
 #include "gl/texels.glsl"
 #include <CONSTANTS>
@@ -39,28 +40,35 @@ const float start_extent = 0.0;
 #endif
 #include "film/split_light.glsl"
 #ifdef SPLIT_LIGHT
-int scattered = 0;  // number of surfaces that the path has left, except thin dielectrics passed straight
+// Number of surfaces that have scattered the path, not counting thin dielectrics passed straight.
+int scattered = 0;
 #endif
 #ifdef GATHER
-uniform int lookup_depth;       // index of the vertex at which the solution is looked up
-uniform float lookup_distance;  // maximum distance at which a path continues, in the element's minimum distances, before a random factor
+uniform int lookup_depth;       // number of diffuse bounces after which the solution is looked up
+// A path continues if its segment is shorter than this, times a random number in [0, 1), times min_lookup_distance.
+uniform float lookup_distance;
 #endif
 #if defined(GATHER) || defined(CONTROL_VARIATE)
-const int MIRRORS = 1024;       // maximum number of vertices of a path through glass and mirrors; roulette ends it long before
+// Maximum number of vertices of a path through glass and mirrors; roulette ends paths long before.
+const int MIRRORS = 1024;
 #endif
 
 #ifdef CONTROL_VARIATE
 uniform int lookup_depth;         // diffuse bounces before the first vertex at which the solution may replace the path
-uniform float correction_number;  // radical inverse of the path set's index; decides which paths continue there
-const float FIRST_CHANCE = 0.5;   // probability that a path continues at that vertex
-const float LATER_CHANCE = 4.0;   // factor on the throughput for that probability at later vertices, at most 1
+// Radical inverse of the path set's index; decides which paths continue at their first look-up.
+uniform float correction_number;
+const float FIRST_CHANCE = 0.5;   // probability that a path continues at its first look-up
+// At later look-ups, the probability of continuing is this factor times the throughput, at most 1.
+const float LATER_CHANCE = 4.0;
 #endif
 
 UINT_TEXELS(r32ui, eye_buffer);
 uniform ivec2 window_size;
 uniform int max_depth;               // maximum number of vertices of a path
-uniform int cut_depth;               // index of the vertex at which a path that roulette has not ended is cut and counted
-uniform int roulette_depth;          // vertex from which on Russian roulette ends paths (Arvo & Kirk 1990)
+// Index of the vertex at which a path that roulette has not ended is cut, and counted as cut.
+uniform int cut_depth;
+// Russian roulette may end a path before each vertex from this index on (Arvo & Kirk 1990).
+uniform int roulette_depth;
 #ifdef HAS_GROUND
 #include "lights/ground.glsl"
 #endif
@@ -71,7 +79,7 @@ uniform int roulette_depth;          // vertex from which on Russian roulette en
 #endif
 
 #ifdef HAS_DIFFUSE_TRANSMISSION
-vec3 reflected_behind;  // weight of light samples on the other side of a vertex, for its diffuse lobe there
+vec3 reflected_behind;  // weight of light samples behind the surface, for diffuse transmission
 #endif
 
 // State of a path between vertices.
@@ -80,35 +88,36 @@ struct RayPath
     PathId at;
     vec3 origin;      // start of the path's current ray
     vec3 direction;
-    int triangle;     // triangle that this ray hits, -1 for none
+    int triangle;     // triangle that the current ray hits, -1 for none
     vec3 L;           // radiance accumulated so far
     vec3 beta;        // throughput
     float pdf;        // density of the ray's direction, per solid angle
     float reached;    // distance of the hit from the vertex of the last light samples; see `passed`
 #ifdef LIT_FROM
-    vec3 lit_from;    // position of that vertex
-    vec3 lit_normal;  // normal of that vertex on the side of the ray
+    vec3 lit_from;    // position of the vertex of the last light samples
+    vec3 lit_normal;  // its normal, on the side of the ray
 #endif
     float rays;       // number of rays cast so far
     int vertices;     // maximum number of vertices of this path
     bool continues;
 #ifdef GUIDED
-    float guiding_weight;  // factor of the path's weight due to guides
+    float guiding_weight;  // factor that guiding has contributed to beta
 #endif
 #ifdef CONTROL_VARIATE
     int corrections;        // number of vertices at which the path continued although the solution was looked up
-    float weight;           // weight of light that leaves the vertex by the diffuse lobe
-    float emission_weight;  // weight of the next vertex's emission for that lobe, because the solution may include direct light
-    float emission;         // weight of emission for the current ray
+    float weight;           // factor on the throughput of the diffuse lobe, see correct()
+    // Factor on emission that the ray from the diffuse lobe hits, because the solution may include direct light.
+    float emission_weight;
+    float emission;         // factor on emission or sky that the current ray hits
 #endif
 #ifdef HAS_LOBES
-    float passed;      // distance up to the last thin dielectric that the ray passed
+    float passed;      // distance from the vertex of the last light samples to the last thin dielectric passed
     int bounces;       // number of diffuse bounces; mirrors and glass do not count for a gather
     bool was_diffuse;  // true if the last bounce was diffuse
 #if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
     bool straight;     // true if the path only passed thin dielectrics since the eye
 #endif
-    vec3 inside;       // attenuation of the medium that the path is in
+    vec3 inside;       // attenuation coefficient of the medium that the path is in, per scene unit
 #endif
 };
 
@@ -117,16 +126,16 @@ struct ScatterVertex
 {
     PathVertex v;
     float t;         // distance from the previous vertex, or from the last thin dielectric
-    float pdf_area;  // density of light samples at this point, if it is on a lamp
+    float pdf_area;  // density per area of light samples at this point, if it is on a lamp
     vec3 start;      // start of rays from the vertex, off the surface
     float rounding;  // distance of `start` from the surface
-    int guide;       // index of the vertex's guide
+    int guide;       // index of the guide used at the vertex, -1 for none
 #ifdef HAS_LOBES
     Lobes lobes;
 #endif
 };
 
-// Prepares the path for its first bounce, or for that of another branch.
+// Resets the path to its state before its first bounce, for the given branch.
 void begin_branch(inout RayPath path, int branch)
 {
     path.at = PathId(path.at.path, 0, branch);
@@ -184,7 +193,7 @@ void add_light(inout RayPath path, vec3 light)
 }
 
 #ifdef HAS_BACKGROUND
-// Returns true if its ray comes straight from the eye.
+// Returns true if the path's current ray comes straight from the eye.
 bool is_from_eye(RayPath path)
 {
 #ifdef HAS_THIN_DIELECTRICS
@@ -195,8 +204,8 @@ bool is_from_eye(RayPath path)
 }
 
 #ifdef HAS_GROUND
-// Unoccluded fraction of the sky's light on the ground at the ray's hit; 1 without a hit. It is estimated with one direction,
-// distributed by the sky's irradiance.
+// Estimates the unoccluded fraction of the sky's irradiance where the ray hits the ground; 1 if it misses the
+// ground. One shadow ray is cast, in a random direction distributed by the sky's irradiance.
 vec3 light_on_ground(RayPath path, ivec2 pixel)
 {
     vec3 start, to_light;
@@ -226,7 +235,8 @@ void add_background(inout RayPath path, ivec2 pixel, float seen)
 #endif
 
 #ifdef HAS_SKY
-// Adds the sky for a ray that hits nothing, weighted against the light sample of the previous vertex, as emission is.
+// Adds the sky for a ray that hits nothing, with its MIS weight against the light sample of the previous vertex.
+// seen: weight instead, for a ray from the eye.
 void add_sky(inout RayPath path, float seen)
 {
 #ifdef PORTALS
@@ -242,7 +252,8 @@ void add_sky(inout RayPath path, float seen)
 }
 #endif
 
-// Returns the vertex at the end of the ray, and adds the light that it emits. seen: weight of light that the eye sees directly.
+// Returns the vertex at the end of the ray, and adds the light that it emits. seen: weight of light that the eye
+// sees directly, 0 if lamps_seen has added it.
 ScatterVertex arrive(inout RayPath path, ivec2 pixel, float seen)
 {
     ScatterVertex s;
@@ -278,7 +289,8 @@ ScatterVertex arrive(inout RayPath path, ivec2 pixel, float seen)
 #endif
         add_light(path, path.beta * Le * (path.at.depth == 0 ? seen : share));
     }
-    // The start is off the surface by more than rounding, because the ray would otherwise hit its neighbouring triangles.
+    // The start is offset from the surface by more than the rounding error. Otherwise the ray would hit triangles
+    // next to its own.
     vec3 far = abs(s.v.surface.position);
     s.rounding = RAY_ROUNDING * ((at_start(path.at) ? start_extent : s.t) + max(far.x, max(far.y, far.z)));
     s.start = s.v.surface.position + s.rounding * s.v.normal;
@@ -286,8 +298,9 @@ ScatterVertex arrive(inout RayPath path, ivec2 pixel, float seen)
 }
 
 #ifdef GATHER
-// At a vertex at which the solution is looked up, adds its light, and sets the weight `reflected` of light samples. Sets
-// `continues`, if the path continues from the diffuse lobe as elsewhere.
+// If the solution is looked up at this vertex, adds the light that it gives, and reduces `reflected`, the weight of
+// light samples, by the direct light that it includes. Sets `path.continues`: true if the path continues from the
+// diffuse lobe instead.
 void look_up(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, inout vec3 reflected)
 {
 #ifdef HAS_LOBES
@@ -317,11 +330,11 @@ void look_up(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
 #endif
 
 #ifdef CONTROL_VARIATE
-// From a path's third diffuse vertex on, either the solution ends the path, or with probability p the path continues with
-// weight 1 / p, plus (1 - 1 / p) times the solution. The expected value is the path's light for any solution, which is a
-// control variate. p depends on the throughput, so that it ends paths like roulette. Source: Vorba & Krivanek 2016,
-// Adjoint-driven Russian roulette and splitting, for roulette by expected light; Rousselle et al. 2016, Image-space control
-// variates for rendering.
+// From a path's third diffuse vertex on, the path continues with a probability p; otherwise the solution replaces
+// its rest. If it continues, its weight is 1 / p, and (1 - 1 / p) times the solution is added. The expected value
+// is the path's light whatever the solution is, so the solution is a control variate. p depends on the throughput,
+// so that it ends paths like roulette. Source: Vorba & Krivanek 2016, Adjoint-driven Russian roulette and
+// splitting, for roulette by expected light; Rousselle et al. 2016, Image-space control variates for rendering.
 void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, inout vec3 reflected)
 {
     path.weight = path.emission_weight = 1.0;
@@ -334,7 +347,8 @@ void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
     if (bounces < lookup_depth) return;
     float chance, number;
     if (path.corrections == 0) {
-        // The path continues in one of two successive sets (2k and 2k + 1), because correction_number differs by 1/2.
+        // The path continues in exactly one of two successive path sets (2k and 2k + 1), because their
+        // correction_numbers differ by 1/2.
         chance = FIRST_CHANCE;
         number = fract(correction_number + unit(pcg(path.at.path + pcg(path_seed + 8191u + uint(path.at.branch)))));
     } else {
@@ -345,12 +359,12 @@ void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
     vec4 found = irradiance_at(in_lattice, s.v.front);
     vec3 solution = path.beta * diffuse_reflectance(s.v.bsdf, dot(s.v.n, s.v.wo)) * found.rgb / PI;
 #ifdef HAS_DIFFUSE_TRANSMISSION
-    // The fraction of direct light is the same on both sides.
+    // The solution's fraction of direct light, found.a, is the same on both sides of the surface.
     solution += path.beta * diffuse_transmittance(s.v.bsdf, dot(s.v.n, s.v.wo)) * irradiance_at(in_lattice, !s.v.front).rgb / PI;
 #endif
     if (path.continues) {
         path.weight = 1.0 / chance;
-        // The solution's direct light gets the weight of the path, the rest the weight 1.
+        // The part of direct light that the solution includes gets the path's weight, the rest gets the weight 1.
         float direct = 1.0 + (path.weight - 1.0) * found.a;
         path.L += (1.0 - path.weight) * solution;
         path.emission_weight = direct / path.weight;
@@ -370,14 +384,16 @@ void correct(inout RayPath path, ScatterVertex s, LatticePosition in_lattice, in
 #endif
 
 #ifdef HAS_LOBES
-// Adds light of light samples by all lobes. Sets the lobes in which the path may continue, and if it continues.
+// Adds light of light samples, scattered by all lobes. Sets s.lobes, the lobes by which the path may continue, and
+// path.continues.
 void add_direct_light(inout RayPath path, inout ScatterVertex s, vec3 reflected)
 {
 #if defined(GATHER) || defined(CONTROL_VARIATE)
     const bool beyond = false;
     bool others_continue = path.at.depth < MIRRORS;
 #else
-    // Light samples do not contribute to mirrors and glass of the last vertex, so one more ray finds emitters there.
+    // Mirrors and glass do not reflect light samples. At the last vertex, one more ray therefore finds the emitters
+    // that they show.
     bool beyond = path.at.depth >= path.vertices, others_continue = !beyond;
 #endif
     LightSample light_sample;
@@ -455,7 +471,8 @@ void add_reflected(inout RayPath path, inout ScatterVertex s)
 }
 
 #ifdef HAS_LOBES
-// Samples microfacets, clearcoat, a mirror or glass; chosen: random number minus the diffuse lobe's probability. Returns 1 instead of a cosine.
+// Samples a direction of the microfacets, clearcoat, a mirror or glass. chosen: random number that chose the lobe,
+// minus the probability of the diffuse lobes. Returns 1, as a positive stand-in for the cosine.
 float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numbers)
 {
     bool stays = chosen < s.lobes.microfacets + s.lobes.coat + s.lobes.mirror;
@@ -463,8 +480,8 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
     path.direction = leaving.direction;
     path.beta *= stays ? leaving.weight : vec3(0.0);
 #ifdef HAS_THIN_DIELECTRICS
-    // Light samples of a vertex see through thin dielectrics. Light found behind them is weighted against these samples, and
-    // the thin dielectric is not a vertex of the path.
+    // Shadow rays pass through thin dielectrics. Emission behind a thin dielectric is therefore weighted against
+    // the light samples of the vertex before it, and the thin dielectric is no vertex of the path.
     if (leaving.straight) {
         path.passed = path.reached;
         path.vertices += 1;
@@ -478,7 +495,7 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
         path.pdf = leaving.pdf;
         path.was_diffuse = false;
 #ifdef CONTROL_VARIATE
-        path.emission = 1.0;  // not after a thin dielectric, as the light still belongs to the previous vertex
+        path.emission = 1.0;  // a thin dielectric leaves the factor of the previous vertex in force
 #endif
 #if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
         path.straight = false;
@@ -500,7 +517,8 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
 }
 #endif
 
-// Samples the diffuse lobe, cosine-weighted or guided; chance: probability of the diffuse lobe. Returns the cosine.
+// Samples the diffuse lobe, cosine-weighted or guided; chance: probability that this lobe was chosen. Returns the
+// cosine.
 float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 numbers)
 {
 #ifdef LIT_FROM
@@ -516,7 +534,8 @@ float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 num
 #endif
 #endif
 #ifdef GUIDED
-    // The MIS weights of light samples and emission only use the cosine; any weights that add up to one are valid.
+    // MIS weights of light samples and emission ignore guiding. This adds no bias, because they still add up to
+    // one.
     if (s.guide >= 0) {
         float chosen;
         numbers = guided(s.guide, numbers, chosen);
@@ -537,7 +556,7 @@ float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 num
 }
 
 #ifdef HAS_DIFFUSE_TRANSMISSION
-// Samples a cosine-weighted direction on the other side; returns the cosine.
+// Samples a cosine-weighted direction behind the surface; returns its cosine with the reversed normal.
 float sample_through_diffuse(inout RayPath path, ScatterVertex s, vec2 numbers)
 {
 #ifdef LIGHT_TREE
@@ -585,7 +604,7 @@ void leave(inout RayPath path, ScatterVertex s)
     float max_beta = max(path.beta.r, max(path.beta.g, path.beta.b));
     if (path.at.depth + 1 >= roulette_depth) {
 #ifdef GUIDED
-        // The guiding weight is left out, because it is small for every path that is guided to a light.
+        // Roulette ignores the guiding weight, which is small for every path that is guided to a light.
         float stay = min(1.0, max_beta / path.guiding_weight);
 #else
         float stay = min(1.0, max_beta);
@@ -610,7 +629,8 @@ void cast_ray(inout RayPath path, int from)
     path.triangle = nearest_triangle(path.origin, path.direction, from);
 }
 
-// Returns radiance and number of cast rays of the path that a fragment traces. Its branches split at the first vertex.
+// Traces the path of a fragment, with branches that split at the first vertex. Returns its radiance; a: number of
+// rays cast, and a bit for a cut path.
 vec4 trace_path(ivec2 fragment)
 {
     ivec2 pixel = pixel_of_fragment(fragment, window_size);
@@ -618,7 +638,7 @@ vec4 trace_path(ivec2 fragment)
     if (texel(start_positions, pixel).w == 0.0) return vec4(0.0);
 #endif
     RayPath path = begin_path(pixel);
-    float seen = 1.0;  // weight of light that the eye sees directly
+    float seen = 1.0;  // weight of light that the eye sees directly, 0 if lamps_seen adds it
 #ifdef EMITTER_SILHOUETTES
     seen = lamps_seen(pixel, path.L) ? 0.0 : 1.0;
 #ifdef SPLIT_LIGHT

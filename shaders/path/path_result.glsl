@@ -1,4 +1,4 @@
-// path_result.glsl: result of a scan for a path.
+// path_result.glsl: looks up the result of a scan for one path.
 // Needs: ray_record.glsl
 #include <CONSTANTS>
 #include "gl/texels.glsl"
@@ -9,8 +9,9 @@ UINT_TEXELS(rgba32ui, ray_records);
 UINT_TEXELS(rgba32ui, cell_slots);
 TEXELS(rgba32f, cell_found);
 
-// Returns the found triangle (0 for any, with OCCLUSION), or PATH_DEAD, PATH_LOST, PATH_MISSED. `weight`: number of paths of
-// the cell that this one represents.
+// Returns the index of the triangle that the path hit (0 for any hit with OCCLUSION), or PATH_DEAD, PATH_LOST or
+// PATH_MISSED. `weight`: number of paths that this one represents, itself included, because a crowded cell loses
+// paths.
 int path_result(ivec2 path, out float weight)
 {
     weight = 1.0;
@@ -34,7 +35,8 @@ int path_result(ivec2 path, out float weight)
 #endif
 }
 
-// Events that a scan adds for a launched path: a cast, and a loss if the path lost its slot.
+// Event count of a scan for a launched path, in the format of accumulate.glsl: one ray cast, and one lost ray if
+// the path lost its slot.
 float scan_events(int found)
 {
     return found == PATH_LOST ? float((1 << CAST_BITS) + 1) : 1.0;

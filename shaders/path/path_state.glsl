@@ -1,4 +1,5 @@
-// path_state.glsl: output of a vertex pass: the states of its paths, or, with TO_SUMS, the sums.
+// path_state.glsl: output of a shader that shades one vertex of each path: the paths' new states, or, with TO_SUMS,
+// the sums.
 // Needs: path_next.glsl
 #include "film/split_light.glsl"
 #ifdef TO_SUMS

@@ -1,7 +1,7 @@
 // path_view.glsl: orthographic views of one scan of the path-buffer.
-// Frame:  u, v, d of a view right-handed and unit; origin at the scene's centre. Cell coordinates are in cells, with (0, 0) at
-//         the lower corner. A view has view_cells of them, and the views lie side by side in the buffer. Depth is along d, 0 to
-//         1 over the scene's bounding sphere.
+// Frame:  u, v, d: right-handed unit axes of a view, with the origin at the scene's centre. Cell coordinates: one
+//         unit per cell, (0, 0) at the view's lower corner. A view has view_cells.x columns and view_cells.y rows;
+//         views lie side by side in the buffer. Depth is along d, from 0 to 1 over the scene's bounding sphere.
 // Needs:  VIEWS: maximum number of views
 #include "gl/texels.glsl"
 uniform vec3 path_u[VIEWS];
@@ -24,7 +24,7 @@ PathView path_view(int view)
 {
     vec4 bounds = texel(path_bounds, ivec2(view, 0));
     vec2 extent = max(-bounds.zw - bounds.xy, vec2(1e-6 * scene_diameter));
-    // The jitter may use up a cell, or half of the only one.
+    // Leave one cell for the jitter, or half a cell if the view has only one.
     vec2 used = max(view_cells - 1.0, 0.5 * view_cells);
     vec2 scale = used / extent;
     return PathView(bounds.xy - cell_jitter * (view_cells - used) / scale, scale, float(view) * view_cells.x);
@@ -36,7 +36,7 @@ vec3 path_space(int view, vec3 world)
     return vec3(dot(r, path_u[view]), dot(r, path_v[view]), dot(r, path_d[view]));
 }
 
-// Position in the view's own cells.
+// Position in cells of the view, with depth in z; path: position in the path_space of that view.
 vec3 cell_space(PathView view, vec3 path)
 {
     return vec3((path.xy - view.origin) * view.scale, path.z / scene_diameter + 0.5);

@@ -1,15 +1,16 @@
 // ray_record.glsl: record of a path for a scan, as an RGBA32UI texel.
 //   x  cell, y << 16 | x; NO_RAY for a dead path
-//   y  the next path of the cell, or NO_RAY
+//   y  number of the next path in the cell's list, or NO_RAY at its end
 //   z  position in the cell, 16 bits for x and 15 for y, and in the top bit the hemisphere (1: against path_d)
-//   w  depth z0 of its start, as float bits
+//   w  depth z0 of the path's start, as float bits
 #include <CONSTANTS>
 const uint NO_RAY = 0xffffffffu;
 const uint NUMBER_MASK = (1u << NUMBER_BITS) - 1u;
 
 uniform uint permutation_seed;
 
-// A bijection of 20 bits, which selects the surviving paths of a crowded cell at random.
+// Bijection of the 20-bit path numbers. It puts the paths of a crowded cell in random order; the first four
+// survive.
 uint permute(uint x)
 {
     x ^= permutation_seed & NUMBER_MASK;

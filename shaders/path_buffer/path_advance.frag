@@ -1,4 +1,5 @@
-// path_advance.frag: UpdateImage [PB table 6]: advances every path from the triangle found by the scan to its next vertex.
+// path_advance.frag: UpdateImage [PB table 6]: advances every path to its next vertex, on the triangle that the
+// scan found.
 // Runs over: the pixels of the window. Output: see path_state.glsl; radiance.a has the path's events (accumulate.glsl).
 #include <CONSTANTS>
 #include <SCENE>

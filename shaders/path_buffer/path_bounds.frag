@@ -1,7 +1,8 @@
-// path_bounds.frag: bounding box of the live paths of each view, perpendicular to its direction, in two passes.
-// First pass (FROM_PATHS): from path states to a small grid for each view; second pass: from the grids to a texel for each
-// view.
-// Output: minima of u, v, -u, -v, so that taking the minimum gives both ends of the box.
+// path_bounds.frag: bounding rectangle of each view's live paths, in the plane perpendicular to the view's
+// direction, found in two passes.
+// The first pass (FROM_PATHS) reduces blocks of path states to a small grid of bounds for each view. The second
+// pass reduces each grid to one texel.
+// Output: minima of u, v, -u, -v, so that both ends of the rectangle are minima.
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include "path/path_view.glsl"

@@ -1,8 +1,9 @@
 // path_cells.frag: ScanConvertPositions [PB table 4], second half: z0 and position of the paths in each cell.
-// Runs over: cells. Each channel is a slot, so that one fragment of the scene serves four paths. In a longer list the four
-//            paths with the smallest permuted numbers win; the others lost the collision, and the four represent them.
-//   slots  permuted number of the path in each slot; in the upper bits of the first two, the number of lost paths: low 12 bits,
-//          then the rest
+// Runs over: cells. Each channel is a slot for one path, so that one fragment of the scene tests four paths. In a
+//            cell with more than four paths, the four with the smallest permuted numbers get the slots. The others
+//            are lost, and the four represent them.
+//   slots  permuted number of the path in each slot. The upper bits of x hold the low 12 bits of the number of lost
+//          paths, those of y the remaining bits
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include "path/ray_record.glsl"
@@ -15,7 +16,7 @@ layout(location = 0) out vec4 z0;
 layout(location = 1) out uvec4 position;
 layout(location = 2) out uvec4 slots;
 
-// In GLSL 4.3, mix() by booleans is only for floats.
+// Chooses each component by `which`. In GLSL 4.3, mix() with booleans is only for floats.
 uvec4 choose(uvec4 otherwise, uvec4 chosen, bvec4 which)
 {
     return uvec4(which.x ? chosen.x : otherwise.x, which.y ? chosen.y : otherwise.y,
@@ -24,7 +25,7 @@ uvec4 choose(uvec4 otherwise, uvec4 chosen, bvec4 which)
 
 void main()
 {
-    // An empty slot starts behind everything, so that nothing is beyond it.
+    // The z0 of an empty slot is behind everything, so that nothing is hit beyond it.
     z0 = vec4(INFINITE_DEPTH);
     position = uvec4(0u);
     slots = uvec4(NO_RAY);

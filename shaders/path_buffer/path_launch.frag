@@ -1,6 +1,6 @@
 // path_launch.frag: ScanConvertPositions [PB table 4], first half: every live path joins the list of its cell.
 // Runs over: paths. Output: see ray_record.glsl.
-// The order of a list is the order of execution; the result of path_cells.frag does not depend on it.
+// The order of a list depends on the order of execution; the result of path_cells.frag does not depend on it.
 #include "gl/texels.glsl"
 #include "path/path_view.glsl"
 #include "path/direction_code.glsl"
@@ -8,8 +8,8 @@
 
 TEXELS(rgba32f, path_position);
 
-// Number of the path that joined each cell last, and above it the epoch of its scan. A head of another epoch means an empty
-// list, so nothing has to be cleared.
+// Head of each cell's list: number of the path that joined last, and in the bits above it the epoch of that scan. A
+// head with another epoch means an empty list, so heads need no clearing.
 layout(r32ui) uniform uimage2D cell_heads;
 uniform uint scan_epoch;
 

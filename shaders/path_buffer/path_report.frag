@@ -1,4 +1,4 @@
-// path_report.frag: writes the result of a scan for each path, to be read back: triangle or PATH_...
+// path_report.frag: writes for each path the triangle that a scan found, or a PATH_ constant, to be read back.
 #include "path/ray_record.glsl"
 #include "path/path_result.glsl"
 

@@ -1,5 +1,5 @@
-// path_scan.vert: transforms a triangle to the cell space of a view (the instance), enlarged to cover every cell that it
-// touches.
+// path_scan.vert: transforms a triangle to the cell space of a view, which is the instance. The triangle is
+// enlarged to cover every cell that it touches.
 // The fragment shader does the exact test; here no cell may be missed. The triangle's edges are moved outwards by half a cell
 // (Hasselgren et al. 2005, Conservative Rasterization). A triangle seen nearly edge-on, whose corners would move too far, is
 // replaced by a right triangle that covers a rectangle along its longest edge.
@@ -21,7 +21,8 @@ flat out float skipped;
 
 uniform int cell_columns;
 #ifdef LISTED
-uniform int listed_of;  // number of triangles; the second view's numbers in the list begin there
+// Number of triangles; for the second view, the list has numbers of triangles plus listed_of.
+uniform int listed_of;
 #endif
 
 // Half a cell plus a margin for the rasteriser's fixed-point corners (1/256 of a pixel).
@@ -43,7 +44,7 @@ vec2 grown_corner(vec2 before, vec2 here, vec2 after)
 {
     vec2 n1, n2;
     float c1, c2;
-    // Relative to the corner itself, because large coordinates would lose digits.
+    // The lines are relative to the corner itself, because large coordinates would lose digits.
     outer_line(vec2(0.0), here - before, n1, c1);
     outer_line(vec2(0.0), after - here, n2, c2);
     return here + meet(n1, c1, n2, c2);
@@ -94,7 +95,7 @@ void main()
     depth_plane = s.depth_plane;
 
     vec2 p;
-    if (twice_area < longest)  // its altitude is less than a cell
+    if (twice_area < longest)  // the triangle's altitude is less than a cell
         p = around_sliver(s.a, s.b, s.c, k);
     else if (k == 0)
         p = grown_corner(s.c, s.a, s.b);

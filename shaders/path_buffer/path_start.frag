@@ -32,7 +32,8 @@ void main()
         return;
     }
     PathVertex v = start_vertex(pixel, triangle);
-    // The point may be rounded like coordinates far from the origin. Scans begin at it, so it is moved off its surface.
+    // The given point may have the rounding error of coordinates far from the origin. Scans begin at it, so it is
+    // moved off its surface.
     v.surface.position += RAY_ROUNDING * start_distance(v.surface.position) * v.normal;
     vec3 Le = vec3(0.0);
 #else
@@ -60,7 +61,7 @@ void main()
 #ifdef SPLIT_LIGHT
     direct_part = next.radiance;
 #ifdef LAST_VERTEX
-    // Ambient light replaces indirect light.
+    // next.radiance includes ambient light, which replaces indirect light, so it is not used here.
     direct_part = Le + last_lit;
 #endif
 #endif

@@ -1,10 +1,10 @@
 // scan_cell.glsl: WritePixel of the path-buffer [PB table 5] for the four paths of a cell at once.
-// A surface is written if it is beyond z0 and nearer than the nearest hit so far. This shader does the first test, against the
-// z0 texture at the path's own position in the cell: coverage by the triangle, and its depth there (exact for a plane in an
-// orthographic view). Blending does the second test.
-// Both hemispheres are covered: a path against the direction looks down the depth axis.
+// A surface is written if it is beyond z0 and nearer than the nearest hit so far. This shader does the first test,
+// at the path's own position in the cell: whether the triangle covers it, and whether its depth there is beyond z0.
+// The depth is exact, because planes are linear in an orthographic view. Blending does the second test.
+// Paths of both hemispheres are tested: a path against the view's direction looks towards smaller depths.
 //   PACKED     depth and the triangle's number as one float, see scan_word.glsl; blended by MIN
-//   OCCLUSION  0 if anything was hit; blended by MIN
+//   OCCLUSION  0 if anything was hit, otherwise NOTHING_FOUND; blended by MIN
 //   NEAREST    first of two scans: depth only; blended by MIN
 //   AT_NEAREST second scan: number of the triangle at the nearest depth; blended by MAX
 // Needs:  <SCENE>, path_view.glsl, scan_triangle.glsl
@@ -25,8 +25,9 @@ UINT_TEXELS(rgba32ui, cell_position);
 TEXELS(rgba32f, cell_nearest);
 #endif
 
-// A path may start within rounding of its own surface. Depth is in scene diameters. Positions are exact to 3e-5 cells, which a
-// steep surface turns into an error of depth.
+// Minimum distances of a hit, because a path starts within rounding of its own surface: a constant in scene
+// diameters, and a factor on the triangle's slope in depth per cell. Positions are exact to 3e-5 cells only, so a
+// steep triangle has an error of depth.
 const float DEPTH_TOLERANCE = 2e-6;
 const float POSITION_TOLERANCE = 1e-4;
 
@@ -37,10 +38,10 @@ vec4 left_of(vec2 p, vec2 e, vec4 x, vec4 y)
 }
 
 #ifdef HAS_ALPHA
-// Returns `hit` without paths that the surface lets through.
+// Returns `hit` with false for the paths that the surface lets through.
 bvec4 stopped(ivec2 cell, ScanTriangle s, vec2 a, vec4 x, vec4 y, vec4 direction_sign, bvec4 hit)
 {
-    // The random number depends on the path's number, stored in its slot, and on the scan, by the seed.
+    // The random number depends on the path's number, which its slot holds, and on the scan's permutation_seed.
     uvec4 numbers = texel(cell_slots, cell) & NUMBER_MASK, face = face_texel(int(s.number), FACE_CORNERS);
     vec2 ab = s.b - s.a, ac = s.c - s.a;
     float area = ab.x * ac.y - ab.y * ac.x;
@@ -56,7 +57,8 @@ bvec4 stopped(ivec2 cell, ScanTriangle s, vec2 a, vec4 x, vec4 y, vec4 direction
 }
 #endif
 
-// Tests the paths of a cell against a triangle, whose corners are in cells of the buffer; returns the words to blend.
+// Tests the four paths of a cell against a triangle, and returns the values to blend. s: its corners are in cells
+// of the whole buffer.
 vec4 scan_cell(ivec2 cell, ScanTriangle s, out bvec4 hit)
 {
     vec4 z0 = texel(cell_z0, cell);

@@ -1,6 +1,6 @@
 // scan_merge.frag: outputs the hits of small triangles (scan_small.comp), to be blended with those of drawn triangles.
 // Runs over: cells. The words are reset to empty, for the next scan.
-//   AT_NEAREST   blended by MAX; words are complements, so that the minimum word is the maximum
+//   AT_NEAREST   blended by MAX; words are stored as complements, because atomicMin() then finds the maximum
 #include <CONSTANTS>
 
 layout(std430, binding = 2) buffer Words { uint words[]; };

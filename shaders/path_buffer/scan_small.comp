@@ -1,8 +1,9 @@
-// scan_small.comp: scans triangles that touch few cells, one for each invocation; lists the others, to be drawn.
-// A rasteriser spends most of its time on triangle setup (one thread in llvmpipe). For a small triangle the setup costs more
-// than testing the paths of its cells.
-// Runs over: triangles. Output: minimum word that each path found; three vertices for each triangle to draw, in any order, and
-//            their number in the draw command.
+// scan_small.comp: scans triangles that touch few cells, one triangle for each invocation; lists the other
+// triangles, to be drawn.
+// A rasteriser spends most of its time on triangle setup, which llvmpipe does on one thread. For a small triangle
+// the setup costs more than testing the paths of its cells.
+// Runs over: triangles. Output: minimum word that each path found; three vertices for each triangle to draw, in any
+//            order; the number of these vertices, in the draw command.
 #include <SCENE>
 #include "path/path_view.glsl"
 #include "path_buffer/scan_triangle.glsl"
@@ -18,7 +19,7 @@ uniform int cell_columns;
 uniform int listed_of;  // number of triangles
 
 const int MAX_CELLS = 256;
-// Covers the edges' tolerance of 1.4e-4 cells (scan_cell.glsl) and rounding of corners.
+// Margin in cells for the tolerance of edges (scan_cell.glsl, 1.4e-4 cells) and for the rounding of corners.
 const float MARGIN = 2e-3;
 
 void list(int triangle, int number)
@@ -27,7 +28,8 @@ void list(int triangle, int number)
     for (uint k = 0u; k < 3u; ++k) listed[at + k] = corner + k;
 }
 
-// Extends `range` by the x interval of an edge between two heights.
+// Extends `range` by the x interval that an edge covers between two heights. per_height: inverse of the edge's
+// height.
 void add_edge(vec2 p, vec2 q, float per_height, vec2 heights, inout vec2 range)
 {
     if (max(p.y, q.y) < heights.x || min(p.y, q.y) > heights.y) return;
@@ -48,7 +50,7 @@ ivec2 row_span(ScanTriangle s, vec3 per_height, int row, ivec2 low, ivec2 high)
 
 void scan_cells(ScanTriangle s, ivec2 low, ivec2 high)
 {
-    // A horizontal edge is covered by the ends of the other two.
+    // A horizontal edge has no inverse. It needs none, because its ends are ends of the other two edges.
     vec3 heights = vec3(s.b.y - s.a.y, s.c.y - s.b.y, s.a.y - s.c.y);
     vec3 per_height = mix(1.0 / heights, vec3(0.0), lessThan(abs(heights), vec3(1e-6)));
     ivec2 cell = low, span = row_span(s, per_height, low.y, low, high);

@@ -1,10 +1,10 @@
 // scan_triangle.glsl: transforms a triangle to the cell space of a view, for a scan.
 // Needs:  <SCENE>, path_view.glsl; SKIPS_NEAR, STREAMED_CHUNK
 #ifdef SKIPS_NEAR
-uniform float skipped_share;  // fraction of a simplified shape's deviation
+uniform float skipped_share;  // fraction of a simplified shape's deviation; nearer hits on the shape are skipped
 #endif
 #ifdef STREAMED_CHUNK
-uniform int chunk_first;  // index of the chunk's first triangle; its triangles share no vertices
+uniform int chunk_first;  // index of the chunk's first triangle; the chunk's triangles share no vertices
 #endif
 
 struct ScanTriangle
@@ -16,8 +16,8 @@ struct ScanTriangle
     float skipped;     // minimum distance of a hit, in scene diameters
 };
 
-// Returns false if the view sees the triangle edge-on, so that no ray can hit it. longest, twice_area: longest edge and twice
-// the area, in cells.
+// Transforms triangle `index` to view `number`. Returns false if the view sees it edge-on, so that no ray can hit
+// it. longest: longest edge in cells; twice_area: twice the area in square cells.
 bool scan_triangle(int index, int number, PathView view, out ScanTriangle s, out float longest, out float twice_area)
 {
 #ifdef STREAMED_CHUNK

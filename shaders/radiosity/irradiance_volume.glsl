@@ -7,7 +7,8 @@ uniform vec3 volume_lower;
 uniform float volume_cell;  // side of a cell, scene units
 uniform ivec3 volume_size;
 
-// normal: unit normal that points out of the side that is looked up.
+// Returns the irradiance on one side of a surface. normal: unit, pointing out of that side; front: true for the
+// surface's front.
 vec4 volume_irradiance(vec3 position, vec3 normal, bool front)
 {
     vec3 from_middle = (position - volume_lower) / volume_cell - 0.5;

@@ -19,7 +19,7 @@ LatticePosition lattice_position(int triangle, vec3 position)
     vec4 range = lattice_texel(triangle, LATTICE_RANGE);
     float n = range.x;
     int last = int(n) - 1;
-    // Rounding may put a point just outside of its triangle.
+    // Rounding may put a point just outside its triangle.
     vec2 p = clamp(vec2(dot(along_x.xyz, position) + along_x.w, dot(along_y.xyz, position) + along_y.w), 0.0, n);
     int i = min(int(p.x), last);
     int j = min(int(p.y), last - i);
@@ -28,14 +28,14 @@ LatticePosition lattice_position(int triangle, vec3 position)
     return LatticePosition(int(range.y) + j * (2 * (last + 1) - j) + 2 * i + int(upper), upper, f);
 }
 
-// Minimum length of a ray that looks the element up, on the triangle's front or back, in scene units.
+// Minimum length of a ray that may look up the element, on the triangle's front or back, in scene units.
 float min_lookup_distance(LatticePosition p, bool front)
 {
     vec4 distance = element_texel(p.element, ELEMENT_MIN_DISTANCE);
     return front ? distance.r : distance.g;
 }
 
-// Irradiance on the triangle's front or back.
+// Irradiance on the triangle's front or back, interpolated in the element.
 vec4 irradiance_at(LatticePosition p, bool front)
 {
     int side = 2 * p.element + int(!front);
@@ -46,7 +46,7 @@ vec4 irradiance_at(LatticePosition p, bool front)
 }
 
 #ifdef ALL_LIGHT
-// Irradiance of an element's front or back by all light.
+// Irradiance on an element's front or back, from all light.
 vec3 all_light(LatticePosition p, bool front)
 {
     return all_light_texel(2 * p.element + int(!front), ALL_LIGHT_IRRADIANCE).rgb;

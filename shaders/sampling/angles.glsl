@@ -1,11 +1,12 @@
 // angles.glsl: sine, cosine, tangent and arc tangent from sums and products only.
-// GLSL guarantees no accuracy for its own functions. Those of Vulkan, which may implement them, have 2^-11 for sin and cos and
-// 4096 ULP for atan, so a lookup could miss the cell of its ray in a shadow-buffer. The functions here have errors below 3e-7
-// everywhere, and equal results on devices with equal sums and products.
+// GLSL guarantees no accuracy for its own functions. A driver may implement them by those of Vulkan, whose errors
+// are 2^-11 for sin and cos and 4096 ULP for atan. A lookup could then miss the cell of its ray in a shadow-buffer.
+// The functions here have errors below 3e-7 everywhere, and equal results on devices with equal sums and products.
 // Source: Moshier 1989, Cephes Mathematical Library (sinf, cosf, atanf).
 #include <CONSTANTS>
 
-// (cosine, sine) of an angle in right angles. The angle is reduced before it is rounded, to at most half a right angle.
+// (cosine, sine) of an angle that is given in right angles. It is first reduced to at most half a right angle,
+// without rounding.
 vec2 cosine_sine(float right_angles)
 {
     float nearest = floor(right_angles + 0.5);

@@ -1,6 +1,7 @@
-// random.glsl: a random number from a counter, so that any path of any set can be traced anywhere.
+// random.glsl: random numbers as hashes of a counter, so that any path of any set can be traced independently of
+// all others.
 // Source: Jarzynski & Olano 2020, Hash Functions for GPU Rendering (pcg).
-uniform uint random_seed;  // (seed, path set, depth) folded on the CPU
+uniform uint random_seed;  // hash of seed, path set and depth, computed on the CPU
 
 const uint USE_COSINE = 1u;
 const uint USE_ROULETTE = 2u;

@@ -3,18 +3,19 @@
 // Source: Urena, Fajardo & King 2013, An area-preserving parametrization for spherical rectangles.
 #include "sampling/angles.glsl"
 
-// Solid angle below which points are uniform by area. The solid angle is a difference of four angles, each exact to some 1e-7,
-// so a small one would have a visible relative error. A small rectangle has nearly the same density by both methods.
+// Solid angle, sr, below which points are sampled uniformly by area instead. The solid angle is a difference of
+// four angles, each exact to some 1e-7, so a small one would have a visible relative error. A small rectangle has
+// nearly the same density by both methods.
 const float MIN_SOLID_ANGLE = 0.01;
 
 // Rectangle as seen from a position in front of it.
 struct SeenRectangle
 {
-    vec3 x, y, normal;   // unit: along its edges, and out of its front side
-    vec2 low, high;      // corners along x and y, from the projection of the position
-    float height;        // of the position above its plane
-    float first;         // first angle of `towards_rectangle`
-    float solid_angle;   // 0 from behind
+    vec3 x, y, normal;   // unit vectors along the edges, and out of the front side
+    vec2 low, high;      // corners along x and y, relative to the position's projection
+    float height;        // height of the position above the rectangle's plane
+    float first;         // angle at which `towards_rectangle` begins
+    float solid_angle;   // solid angle, sr; 0 if the position is behind
 };
 
 // Signed solid angle of the rectangle between the projection of the position and one corner.

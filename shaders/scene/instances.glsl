@@ -1,13 +1,14 @@
-// instances.glsl: triangles by the number of a hit: first those of the scene, then those of mesh instances.
+// instances.glsl: looks up a triangle by the number of a hit. Numbers from first_instanced on are triangles of mesh
+// instances; lower numbers are the scene's own triangles.
 // Needs:  <SCENE>; HAS_INSTANCES: the scene has instances, see `glpath.scene.instances`
 // Frame:  world; data of an instance's mesh are in the mesh's own space.
 #ifdef HAS_INSTANCES
 // Placement of an instance's mesh in the world; the identity for the scene's own triangles.
 struct Placing
 {
-    int first;  // a hit's number minus that of the mesh's triangle
+    int first;  // number of a hit minus number of the mesh's triangle
     int shape;  // -1 for the triangle's own shape
-    vec4 x;     // first row of the map; y and z are the other rows
+    vec4 x;     // first row of the affine map world_from_mesh; y and z are the other rows
     vec4 y;
     vec4 z;
 };
@@ -25,7 +26,7 @@ vec3 placed_direction(Placing p, vec3 v) { return vec3(dot(p.x.xyz, v), dot(p.y.
 
 vec3 placed_position(Placing p, vec3 v) { return placed_direction(p, v) + vec3(p.x.w, p.y.w, p.z.w); }
 
-// Transforms a normal by the cofactor matrix, like the cross products of edges; 0 stays 0.
+// Transforms a normal by the map's cofactor matrix, as cross products of edges transform; a zero vector stays zero.
 vec3 placed_normal(Placing p, vec3 n)
 {
     vec3 turned = vec3(dot(cross(p.y.xyz, p.z.xyz), n), dot(cross(p.z.xyz, p.x.xyz), n), dot(cross(p.x.xyz, p.y.xyz), n));

@@ -1,10 +1,11 @@
-// object_bvh.glsl: finds the nearest primitive, or tests for any, by a BVH. The results are bit-identical to those of
-// object_classic.glsl.
+// object_bvh.glsl: finds the nearest primitive along a ray by a BVH, or tests if any primitive occludes the ray.
+// The results are bit-identical to those of object_classic.glsl.
 // Needs:  object_classic.glsl, <BVH>
 #include "scene/object_classic.glsl"
 #include <BVH>
 
-// Returns true if a part of the box is between tmin and tmax; slightly widened against rounding (Ize 2013).
+// Returns true if the ray is inside the box anywhere between tmin and tmax. The interval is slightly widened
+// against rounding (Ize 2013).
 bool meets_box(vec3 lower, vec3 upper, vec3 origin, vec3 inverse, float tmin, float tmax)
 {
     vec3 a = (lower - origin) * inverse, b = (upper - origin) * inverse;
@@ -14,7 +15,8 @@ bool meets_box(vec3 lower, vec3 upper, vec3 origin, vec3 inverse, float tmin, fl
     return enter <= leave;
 }
 
-// Returns the next leaf from a node on, -1 for none; advances the node.
+// Returns the next leaf whose box the ray hits, -1 if there is none. node: where the search begins, and on return
+// where it continues.
 int next_leaf(inout int node, vec3 origin, vec3 inverse, float tmin, float tmax)
 {
     int leaf = -1;

@@ -5,7 +5,8 @@
 #include "scene/object_intersect.glsl"
 #include "scene/object_opacity.glsl"
 
-// If a surface lets the ray through, takes the next hit with the same primitive; a sphere has two.
+// If a surface lets the ray through, takes the ray's next hit with the same primitive, because a sphere can be hit
+// twice.
 #ifdef HAS_ALPHA
 #define PASS_THROUGH(AT, ROUTINE, PRIMITIVE)                                                                   \
     for (int k = 0; k < 2 && AT < NO_HIT && primitive_lets_through(PRIMITIVE, origin, direction, AT, false); ++k)     \

@@ -6,13 +6,14 @@
 // the rest for each ray. Everything is `precise`: the same start and direction give the same bits of t in every program, so
 // that engines can be compared by equality.
 //
-// `exclude` is the primitive that a ray starts on, -1 for none. It is skipped if it is flat. For a sphere the root at the start
-// is taken as exactly 0, so that the far side is still hit from inside, without a bias.
+// `exclude` is the primitive that a ray starts on, -1 for none. A flat primitive is then skipped. For a sphere, the
+// root at the start is taken as exactly 0, so that the far side is still hit from inside, without an offset of the
+// start.
 #include "sampling/directions.glsl"
 const float NO_HIT = 3e38;
 
-// xyz: start relative to the centre, f; w: |f|^2 - r^2, computed without cancellation if the start is near the surface. This
-// matters most for huge spheres used as ground or sky.
+// Returns f, the ray's start relative to the sphere's centre; w: |f|^2 - r^2, computed without cancellation if the
+// start is near the surface. This matters most for huge spheres used as ground or sky.
 vec4 sphere_from(vec3 origin, vec3 centre, float radius)
 {
     precise vec3 f = origin - centre;
@@ -71,11 +72,12 @@ float ellipsoid_hit(UnitSpace space, vec3 direction, float tmin)
     precise vec3 unit = d / scale;
     float at = sphere_hit(space.from, 1.0, unit, tmin * scale);
     precise float t = at / scale;
-    // Tested before the division, because a graphics card may round two equal divisions differently.
+    // A miss is tested before the division, because a graphics card may round two equal divisions differently.
     return at < NO_HIT && t < NO_HIT ? t : NO_HIT;
 }
 
-// corner*: relative to the start; plane: normal, and its dot product with the vector to the plane.
+// corner0 to corner2: relative to the ray's start. plane: normal, not unit; w: its dot product with a vector from
+// the start to the plane.
 struct TriangleFrom
 {
     vec3 corner0;
@@ -93,9 +95,10 @@ TriangleFrom triangle_from(vec3 origin, vec3 corner0, vec3 corner1, vec3 corner2
     return TriangleFrom(a, b, c, vec4(normal, offset));
 }
 
-// Returns the weights of the corners at the ray, not divided by their sum. All have one sign if the ray passes inside. Each corner
-// is projected separately, so triangles that share it use the same projection. The difference of two products is 0 or has the
-// correct sign, so no ray slips through between triangles.
+// Returns the barycentric weights of the corners at the ray, not divided by their sum. All have one sign if the ray
+// passes inside. Each corner is projected separately, so triangles that share it use the same projection. The
+// difference of two products is 0 or has the correct sign, so no ray slips through between triangles. extent:
+// maximum absolute coordinate of the projected corners.
 // Source: Woop, Benthin & Wald 2013, Watertight Ray/Triangle Intersection, with a rotation instead of the shear. Zeros count as
 //         inside for both triangles, instead of a second test in double precision.
 vec3 triangle_weights(TriangleFrom from, vec3 direction, out float extent)
@@ -119,7 +122,8 @@ float triangle_hit(TriangleFrom from, vec3 direction, float tmin)
     precise float sum = weight.x + weight.y + weight.z;
     precise float t = from.plane.w / dot(from.plane.xyz, direction);
     float min_weight = min(weight.x, min(weight.y, weight.z)), max_weight = max(weight.x, max(weight.y, weight.z));
-    // Seen edge-on, all weights are only rounding errors, even beyond its ends; such a triangle is not hit.
+    // If the ray sees the triangle edge-on, all weights are rounding errors, even outside the triangle. It is then
+    // not hit.
     bool inside = (min_weight >= 0.0 || max_weight <= 0.0) && abs(sum) > 5e-7 * extent * extent;
     return inside && t > tmin && t < NO_HIT ? t : NO_HIT;
 }
@@ -137,7 +141,7 @@ float plane_hit(float height, vec3 normal, vec3 direction, float tmin)
     return t > tmin && t < NO_HIT ? t : NO_HIT;
 }
 
-// Variants by a primitive's number.
+// The functions below read a primitive by its number and intersect it.
 
 float intersect_sphere(int primitive, vec3 origin, vec3 direction, float tmin, int exclude)
 {
@@ -157,7 +161,7 @@ float intersect_ellipsoid(int primitive, vec3 origin, vec3 direction, float tmin
 
 // Indices of a triangle's vertices. STREAMED_CHUNK: <SCENE> only has the vertices of a chunk's triangles.
 #ifdef STREAMED_CHUNK
-uniform int chunk_first;  // index of the chunk's first triangle; its triangles share no vertices
+uniform int chunk_first;  // index of the chunk's first triangle; the chunk's triangles share no vertices
 uvec3 corners_of(int primitive) { return 3u * uint(primitive - chunk_first) + uvec3(0u, 1u, 2u); }
 #else
 uvec3 corners_of(int primitive) { return face_texel(primitive - first_triangle, FACE_CORNERS).xyz; }

@@ -1,8 +1,9 @@
-// opacity.glsl: tests if light passes through a surface at a ray's hit. A mask lets light through if its opacity is below the
-// cutoff. Blended surfaces are hit at random with the probability of their opacity, so that surfaces behind them need no order
-// (Enderton et al. 2010, Stochastic Transparency). All of this is for scenes with opacity (HAS_ALPHA).
-// Culled backs (`Material.culled`) let through all rays that hit the back in the direction from the eye to the light. Light is
-// tested in this direction, too, so surfaces behind such a back are lit through it.
+// opacity.glsl: tests if light passes through a surface at a ray's hit. A mask lets light through if its opacity is
+// below the cutoff. A blended surface is hit at random with a probability equal to its opacity, so that surfaces
+// need no sorting by depth (Enderton et al. 2010, Stochastic Transparency). All of this is for scenes with opacity
+// (HAS_ALPHA).
+// A culled back (`Material.culled`) lets through every ray that hits it in the direction from the eye to the light.
+// Shadow rays are tested in this direction, too, so culled backs cast no shadow on surfaces behind them.
 // Needs:  <SCENE>; HAS_TEXTURES, HAS_VERTEX_COLOURS, HAS_CULLING
 #include "sampling/random.glsl"
 #include "scene/instances.glsl"
@@ -11,25 +12,27 @@
 #endif
 
 #ifdef HAS_ALPHA
-uniform uint opacity_seed;  // seed of a render, or of one light of a path set; folded on the CPU
+uniform uint opacity_seed;  // seed of a render, or of one light of a path set; hashed on the CPU
 uniform uint opacity_set;   // number of the path set
-// Key of the random numbers for a ray, set before it is cast; surfaces have further keys.
+// Key of a ray's random numbers, set before the ray is cast. Each surface that the ray hits adds a key of its own.
 uint opacity_key = 0u;
-// Sequence point of the path set, for rays that every set casts through the same pixel; each key and surface permutes it.
+// Sequence point of the path set, for rays that every set casts through the same pixel. It is permuted by the keys
+// of the ray and of the surface.
 uint opacity_point = 0u;
 
 bool is_see_through(int shape) { return shape_texel(shape, SHAPE_MATERIAL).z != 0u; }
 
-// Sets a new key for the next rays of an image pixel. Of 8 successive sets, the fraction that hits a surface is its opacity, up
-// to one set.
+// Sets a new key for the next rays of an image pixel. Among 8 successive path sets, the number that hit a surface
+// is 8 times its opacity, within one.
 void new_opacity_key(ivec2 pixel_of_image, uint use)
 {
     opacity_key = pcg(uint(pixel_of_image.x) + (uint(pixel_of_image.y) << 16u) + pcg(opacity_seed + use));
     opacity_point = bitfieldReverse(opacity_set);
 }
 
-// Uniform in [0, 1), and independent for two surfaces that a ray may hit [Burley 2020, Practical Hash-based Owen Scrambling,
-// with the hash of Laine & Karras 2011]: each bit of the set's number changes by the bits above it.
+// Returns a number uniform in [0, 1), independent for two surfaces that a ray may hit. It is the radical inverse of
+// the path set's number, shuffled by the keys: each bit of that number changes by the bits above it [Burley 2020,
+// Practical Hash-based Owen Scrambling, with the hash of Laine & Karras 2011].
 float opacity_chance(uint number)
 {
     uint key = pcg(opacity_key + pcg(number)), x = opacity_point + key;
@@ -41,7 +44,7 @@ float opacity_chance(uint number)
 }
 
 // alpha: alpha of the texture and vertices; number: key of the surface, such as the triangle's number.
-// front: true if a ray that travels as rays of an eye hits the front.
+// front: true if the ray, followed from the eye to the light, hits the front.
 bool alpha_lets_through(int material, float alpha, uint number, bool front)
 {
 #ifdef HAS_CULLING
@@ -55,7 +58,7 @@ bool alpha_lets_through(int material, float alpha, uint number, bool front)
     return mask ? opacity < cover.y : opacity_chance(number) >= opacity;
 }
 
-// weight: barycentric weights of the triangle's corners.
+// Returns true if light passes through a triangle. weight: barycentric weights of the triangle's corners.
 bool triangle_lets_through(int triangle, uvec4 face, vec3 weight, bool front)
 {
     int material = int(shape_texel(int(face.w), SHAPE_MATERIAL).x);
@@ -75,7 +78,8 @@ bool triangle_lets_through(int triangle, uvec4 face, vec3 weight, bool front)
     return alpha_lets_through(material, alpha, uint(triangle), front);
 }
 
-// position: point of the triangle's plane; direction: of a ray from an eye, of any length.
+// position: point of the triangle's plane; direction: of the ray, followed from the eye to the light, of any
+// length.
 bool lets_through(int triangle, vec3 position, vec3 direction)
 {
     uvec4 face = triangle_face(triangle);

@@ -1,11 +1,13 @@
-// ray_bvh.glsl: finds the nearest triangle along a ray, or tests for any, by a BVH; see `glpath.gl.ray_bvh`.
+// ray_bvh.glsl: finds the nearest triangle along a ray by a BVH, or tests if any occludes the ray; see
+// `glpath.gl.ray_bvh`.
 // Needs:  <RAY_BVH>
-// Frame:  world; boxes are intersected in steps of the scene's own box, at the same distance along the ray.
+// Frame:  world; boxes are stored in integer steps from the lower corner of the scene's box, and distances along
+//         the ray are those of the world.
 #include <RAY_BVH>
-uniform vec3 ray_lower;  // lower corner of the scene's box; ray_step: size of a step
+uniform vec3 ray_lower;  // lower corner of the scene's box; ray_step: size of the steps in which boxes are stored
 uniform vec3 ray_step;
 #ifdef HAS_INSTANCES
-uniform vec2 mesh_grid;  // lower corner and step for the tree of an instanced mesh, for all axes
+uniform vec2 mesh_grid;  // x: lower corner, y: step for the tree of an instanced mesh, the same for all axes
 #endif
 #include "sampling/directions.glsl"
 #include "scene/opacity.glsl"
@@ -14,19 +16,20 @@ const float NO_HIT = 1e30;
 // Widening of triangles' edges, as a fraction, so that a ray through a common edge hits at least one of the triangles.
 const float EDGE = 1e-5;
 
-// Number of node steps before found items are tested; lanes of a vector then wait less for each other.
+// Maximum number of nodes visited before the items found so far are tested. Lanes of a vector then wait less for
+// each other.
 const int MAX_STEPS = 4;
 
 struct Ray
 {
     vec3 origin;
     vec3 direction;
-    vec3 start;    // distance along the ray to the origin of the boxes' steps, by axis
-    vec3 inverse;  // inverse of the direction in steps
-    uint order;    // bit position of the octant's order in a word
-    bool second;   // true if the order is in the second word
+    vec3 start;    // distance along the ray to the plane through the lower corner, for each axis
+    vec3 inverse;  // distance along the ray for one step, for each axis
+    uint order;    // bit position of the order in which this octant's rays visit children, in a word of LINK
+    bool second;   // true if that order is in the second of the two words
 #ifdef HAS_INSTANCES
-    int first;     // a hit's number minus that of an item's triangle
+    int first;     // number of a hit minus number of the mesh's triangle
     vec3 world_origin;
     vec3 world_direction;
 #endif
@@ -45,8 +48,8 @@ Ray ray_along(vec3 origin, vec3 direction)
 }
 
 #ifdef HAS_INSTANCES
-// Returns the ray in the space of an instance's mesh, with the same distances. x, y, z: rows of the map, with the instance's
-// position.
+// Returns the ray in the space of an instance's mesh, in which distances along it are the same. x, y, z: rows of
+// the linear map mesh_from_world; w: position of the instance. first: see Ray.
 Ray ray_within(Ray ray, vec4 x, vec4 y, vec4 z, int first)
 {
     vec3 o = ray.world_origin - vec3(x.w, y.w, z.w), d = ray.world_direction;
@@ -59,8 +62,8 @@ Ray ray_within(Ray ray, vec4 x, vec4 y, vec4 z, int first)
 }
 #endif
 
-// A group of slots with children still to visit: a bit for each child in the order of the ray's hits, and that order, two bits
-// for each. 0 means none.
+// Nodes still to visit in a group of four slots: the group's number, four bits that mark these nodes in visiting
+// order, and that order, with two bits for each slot. 0 means none.
 #ifdef HAS_FAR_NODES
 #define Visit uvec2
 Visit visit(uint group, uint children) { return uvec2(group, children); }
@@ -75,21 +78,23 @@ uint children_of(Visit v) { return v & 0xfffu; }
 const Visit NOWHERE = Visit(0u);
 
 #ifdef HAS_INSTANCES
-// An empty slot of the root's group, pushed below an instance on the stack; at this slot the ray returns to the world.
+// Marks the end of an instance on the stack, as an empty slot of the root's group. There the ray returns to world
+// space.
 Visit leave_instance() { return visit(0u, 17u); }
 #endif
 
 bool has_children(Visit v) { return (children_of(v) & 15u) != 0u; }
 
-// State of a ray's traversal. The stack is an array without dynamic indices, so that it stays in registers.
+// State of a ray's traversal. The stack is an array that is never indexed dynamically, so that it stays in
+// registers.
 struct Walk
 {
     Visit now;
     Visit later[RAY_STACK];
-    uint items;       // items to test: 16 times the number of their group, plus a bit for each
+    uint items;       // items to test: 16 times the number of their group, plus one bit for each item
     uint more_items;  // items to test after these
 #ifdef HAS_INSTANCES
-    bool waits;       // true until its items are tested, before the ray changes space
+    bool waits;       // true if these items must be tested before the ray may change space
 #endif
 };
 
@@ -108,11 +113,11 @@ Walk walk_from_root()
 
 bool walk_continues(Walk walk) { return has_children(walk.now) || walk.items != 0u; }
 
-// Index of the lowest set bit of four.
+// Index of the lowest set bit of a 4-bit number.
 uint lowest_bit(uint bits) { return (0x12131210u >> ((bits & 15u) << 1u)) & 3u; }
 
-// Distances to the planes of an axis as integers, which are ordered like nonnegative floats. Negative distances stay below all
-// others.
+// Distances along the ray to the lower planes of four boxes on one axis, as integers of the same bits. Nonnegative
+// floats have the order of these integers; negative distances stay below all others.
 ivec4 lower_planes(uvec4 bounds, float start, float inverse)
 {
     return floatBitsToInt(fma(vec4(bounds & 0xffffu), vec4(inverse), vec4(start)));
@@ -123,7 +128,7 @@ ivec4 upper_planes(uvec4 bounds, float start, float inverse)
     return floatBitsToInt(fma(vec4(bounds >> 16u), vec4(inverse), vec4(start)));
 }
 
-// Returns the bits of the children in the order of a word of LINK.
+// Permutes four bits, one for each child, into the visiting order from a word of LINK.
 uint in_order(uint bits, uint order)
 {
     return ((bits >> (order & 3u)) & 1u) | ((bits >> ((order >> 2u) & 3u)) & 1u) << 1u
@@ -141,8 +146,9 @@ void push(inout Walk walk, Visit above)
     }
 }
 
-// Handles a slot that is not a node: an instance, or the empty slot at which the walk leaves one. rest: remaining slots of its
-// group.
+// Handles a slot that is not a node: at an instance, the ray enters the space of its mesh; at the empty slot of
+// leave_instance(), it returns to the world. If items remain to be tested, only sets `waits`. rest: slots of the
+// group still to visit.
 void change_space(inout Walk walk, inout Ray ray, Visit rest, uvec4 x, uvec4 y, uvec4 z, uvec4 link)
 {
     walk.waits = walk.items != 0u;
@@ -163,7 +169,8 @@ void change_space(inout Walk walk, inout Ray ray, Visit rest, uvec4 x, uvec4 y, 
 #define WALKING_RAY Ray
 #endif
 
-// Steps from the next node to its children that are nearer than tmax.
+// Visits the next node, and adds those of its children that the ray hits before tmax to the nodes or items of the
+// walk.
 void step_down(inout Walk walk, WALKING_RAY ray, float tmax)
 {
     uint children = children_of(walk.now);
@@ -201,7 +208,8 @@ void step_down(inout Walk walk, WALKING_RAY ray, float tmax)
     }
 }
 
-// Returns the slot of the next item nearer than tmax, -1 if none has been found yet; advances the walk.
+// Returns the slot of the next item whose box the ray hits before tmax, or -1 if this call has found none. Advances
+// the walk.
 int next_item(inout Walk walk, WALKING_RAY ray, float tmax)
 {
     // Loops test at their end, because llvmpipe runs a loop that tests at its start one more time, with all lanes off.
@@ -225,7 +233,9 @@ int next_item(inout Walk walk, WALKING_RAY ray, float tmax)
     return item;
 }
 
-// Returns the distance to an item's triangle, NO_HIT if it is missed or excluded. flags: ITEM_ALPHA, ITEM_THIN_DIELECTRIC.
+// Intersects an item: a triangle, or two that form a parallelogram. Returns the distance along the ray, NO_HIT if
+// the ray misses the item or `exclude` is one of its triangles. triangle: the one that is hit; flags: ITEM_ALPHA,
+// ITEM_THIN_DIELECTRIC.
 float meet_item(Ray ray, int item, int exclude, out int triangle, out uint flags)
 {
     uvec4 of_corner = ray_slot_texel(item, RAY_SLOT_X), of_ab = ray_slot_texel(item, RAY_SLOT_Y);
@@ -250,7 +260,8 @@ float meet_item(Ray ray, int item, int exclude, out int triangle, out uint flags
 // Opacity and glass are evaluated outside the loop over items, because llvmpipe executes all code of a loop in each iteration,
 // for all lanes.
 
-// exclude: triangle that the ray starts on, -1 for none. With HAS_ALPHA, opacity_key must be set before.
+// Returns the triangle that the ray hits first, -1 for none. exclude: triangle that the ray starts on, -1 for none.
+// With HAS_ALPHA, opacity_key must be set before.
 int nearest_triangle(vec3 origin, vec3 direction, int exclude)
 {
     Ray ray = ray_along(origin, direction);
@@ -295,11 +306,12 @@ int nearest_triangle(vec3 origin, vec3 direction, int exclude)
 }
 
 #ifdef HAS_THIN_DIELECTRICS
-// Transmittance of a thin dielectric, and the product of all thin dielectrics between a ray's start and a light.
+// Transmittance of one thin dielectric (lobes.glsl); product over all thin dielectrics between a ray's start and a
+// light.
 vec3 thin_transmittance(int triangle, vec3 origin, vec3 direction);
 vec3 passed_thin_dielectrics;
 
-// thin_ones: thin dielectrics that a ray passed, -1 after the last.
+// Multiplies the product by the transmittance of `thin_ones`: triangles that a ray has passed, -1 after the last.
 void pass_thin_dielectrics(ivec4 thin_ones, vec3 origin, vec3 direction)
 {
     do

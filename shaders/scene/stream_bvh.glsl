@@ -1,5 +1,5 @@
-// stream_bvh.glsl: tests if a ray hits any streamed triangle of a part, by a BVH and the intersection routine of mesh
-// triangles. All parts together thus give the result of the same triangles in memory.
+// stream_bvh.glsl: tests if a ray hits any triangle of a part of the stream, by a BVH and the intersection routine
+// of mesh triangles. The results of all parts together are those of the same triangles in memory.
 // Needs:  <SCENE>, <OCCLUDERS>; the needs of object_bvh.glsl
 #include "scene/object_bvh.glsl"
 #include <OCCLUDERS>

@@ -1,8 +1,10 @@
-// stream_record.comp: copies shading data of a chunk's streamed triangles that a buffer names, while the chunk is on the
-// device.
-// Runs over: the texels of an area, 8 x 8 in a group. Texels that name triangles of other chunks keep their records. Output:
+// stream_record.comp: while a chunk of the stream is on the device, copies shading data of its triangles that a
+// buffer names.
+// Runs over: the texels of an area, 8 x 8 in a group. Texels that name triangles of other chunks keep their
+//            records. Output:
 //            see stream_records.glsl
-// Needs:  OF_PATHS: uses the triangle that a scan has found for each path; otherwise a buffer of numbers + 1, of EYE_FORMAT
+// Needs:  OF_PATHS: the triangles are those that a scan has found for each path; without it, those of seen_buffer,
+//         which holds numbers + 1 in EYE_FORMAT
 #include "gl/texels.glsl"
 #include <CONSTANTS>
 #include <SCENE>

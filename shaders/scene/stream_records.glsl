@@ -1,6 +1,6 @@
-// stream_records.glsl: records of streamed triangles, which are on the device only while their chunk is. Meanwhile
-// stream_record.comp copies shading data of the triangles that a buffer names. Each texel of the buffer has a record, whose
-// texels are stacked in a texture.
+// stream_records.glsl: records of streamed triangles. A streamed triangle is on the device only while its chunk is.
+// During that time, stream_record.comp copies shading data of the triangles that a buffer names. Each texel of the
+// buffer has a record of RECORD_TEXELS texels, one above the other in a texture.
 // Needs:  STREAMED: triangle numbers from first_streamed on are streamed; the others are in <SCENE>.
 // Frame:  world.
 #include "gl/texels.glsl"

@@ -1,5 +1,5 @@
 // surface.glsl: hit surfaces and their scattering; the only file that reads materials and textures.
-// Needs:  <SCENE>; with such features in the scene:
+// Needs:  <SCENE>; the following, if the scene has the feature:
 //         HAS_NORMALS             shading normals other than the triangle's; HAS_VERTEX_NORMALS, HAS_NORMAL_MAPS
 //         HAS_MULTIPLE_SCATTERING microfacets with energy compensation
 //         HAS_COAT_NORMALS        clearcoats with normals other than their base's
@@ -12,8 +12,8 @@
 //         HAS_VERTEX_COLOURS      colours of vertices; HAS_COLOURED_LIGHT: colours that multiply the emission
 //         HAS_TRIANGLE_DENSITIES  shapes whose triangles have light samples of different densities
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
-// Units:  radiance W sr^-1 m^-2, linear Rec. 709. BRDFs are in units of a white Lambertian surface's, 1 / pi. The outgoing
-//         radiance is thus beta * bsdf_eval * cos * E / pi.
+// Units:  radiance W sr^-1 m^-2, linear Rec. 709. BRDFs are relative to that of a white Lambertian surface, 1 / pi.
+//         The outgoing radiance is thus beta * bsdf_eval * cos * E / pi.
 #include <CONSTANTS>
 #include "bsdf/bsdf.glsl"
 #include "scene/instances.glsl"
@@ -25,12 +25,12 @@ struct Surface
 {
     vec3 position;
     vec3 normal;   // geometric unit normal on the front side
-    vec3 smooth_normal;  // shading normal, unit, on the same side: vertex normals if the mesh has them, changed by a normal map
+    vec3 smooth_normal;  // unit shading normal on the front side, by vertex normals and a normal map if any
 #ifdef HAS_NORMAL_MAPS
     vec3 vertex_normal;  // smooth normal without the normal map
 #endif
 #ifdef HAS_COAT_NORMALS
-    vec3 coat_normal;    // smooth normal of the clearcoat
+    vec3 coat_normal;    // shading normal of the clearcoat, on the front side
 #endif
     vec2 uv;
     vec2 uv1;      // second texture coordinates
@@ -42,7 +42,7 @@ struct Surface
     int triangle;  // index of the triangle; -1 for other primitives
     int shape;
     int material;
-    bool emits_back;  // true if the back emits, too, provided that the surface emits at all
+    bool emits_back;  // true if a surface that emits also emits from its back
 };
 
 // Returns true if a ray along `direction` hits the front.
@@ -51,7 +51,8 @@ bool front_hit(vec3 normal, vec3 direction)
     return dot(normal, direction) < 0.0;
 }
 
-// normal: unit, on the front side. Vertices and normal maps may set other shading normals.
+// Sets the geometric normal, and all shading normals to the same. Vertex normals and normal maps may change these
+// later. normal: unit, on the front side.
 void set_normal(inout Surface s, vec3 normal)
 {
     s.normal = s.smooth_normal = normal;
@@ -63,7 +64,7 @@ void set_normal(inout Surface s, vec3 normal)
 #endif
 }
 
-// Returns a surface with all properties that depend on the shape.
+// Returns a surface with the properties that its shape determines, and defaults for all others.
 Surface surface_of_shape(int shape, vec3 position, vec3 normal)
 {
     uvec2 of_shape = shape_texel(shape, SHAPE_MATERIAL).xy;
@@ -83,8 +84,8 @@ Surface surface_of_shape(int shape, vec3 position, vec3 normal)
 }
 
 #ifdef HAS_NORMAL_MAPS
-// Returns the normal of a normal map around the smooth normal `n` [glTF 2.0, 3.9.3]. along_u, along_v: vectors on the surface,
-// of any length, along which only u or only v of the slot grows. Mirrored vectors mirror the map.
+// Applies a normal map to the smooth normal `n` [glTF 2.0, 3.9.3]. along_u: vector on the surface, of any length,
+// along which the slot's u grows and its v is constant; along_v: the converse. Mirrored vectors mirror the map.
 vec3 mapped_normal(Surface s, vec3 n, int slot, vec3 along_u, vec3 along_v)
 {
     vec3 t = along_u - dot(along_u, n) * n;
@@ -105,7 +106,8 @@ int normal_slot(int material) { return int(slots_texel(material, SLOTS_FIRST).z)
 int coat_normal_slot(int material) { return int(slots_texel(material, SLOTS_COAT).z) - 1; }
 #endif
 
-// Mapped normal from the texture coordinates of a triangle's corners, (u, v) of both sets.
+// Applies a normal map on a triangle. uv_a, uv_b, uv_c: texture coordinates of its corners, (u, v) of both sets;
+// ab, ac: edges from its first corner.
 vec3 mapped_on_triangle(Surface s, vec3 n, int slot, vec4 uv_a, vec4 uv_b, vec4 uv_c, vec3 ab, vec3 ac)
 {
     vec2 p = slot_uv(slot, uv_a.xy, uv_a.zw);
@@ -115,7 +117,8 @@ vec3 mapped_on_triangle(Surface s, vec3 n, int slot, vec4 uv_a, vec4 uv_b, vec4 
 }
 #endif
 
-// Interpolates vertex attributes by the weights of a triangle's corners; ab, ac: its edges from the first corner.
+// Interpolates vertex attributes by the barycentric weights of a triangle's corners; ab, ac: edges from the first
+// corner.
 void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
 {
 #ifdef HAS_UV
@@ -148,7 +151,8 @@ void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
     n_c = placed_normal(p, n_c);
 #endif
     vec3 n = weight.x * n_a + weight.y * n_b + weight.z * n_c;
-    // Meshes without vertex normals have zeros. A normal on the wrong side means flat shading.
+    // Meshes without vertex normals store zeros. They are shaded flat, and so are points whose normal is on the
+    // wrong side.
     if (dot(n, s.normal) > 0.0) s.smooth_normal = normalize(n);
 #endif
 #ifdef HAS_COAT_NORMALS
@@ -163,8 +167,8 @@ void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
 #endif
 }
 
-// Returns the shading normal on the visible side. If it points away from the eye, it is turned towards it, because the outline
-// of a smooth object would otherwise be black.
+// Returns the shading normal `n`, tilted towards the eye if it points away from the eye. Otherwise the outline of a
+// smooth object would be black.
 vec3 facing_normal(vec3 n, vec3 wo)
 {
 #ifdef HAS_NORMALS
@@ -179,9 +183,10 @@ vec3 shading_normal(Surface s, bool front, vec3 wo)
     return facing_normal(front ? s.smooth_normal : -s.smooth_normal, wo);
 }
 
-// Returns the normal for mirror reflection. If the shading normal `n` reflects below the surface, the mirror direction is
-// lifted to just above it, and the normal is the half vector of it and wo. It changes continuously with `n`. It depends on wo,
-// so bent reflection is not reciprocal. `normal`: geometric, on wo's side.
+// Returns the normal for mirror reflection, in general the shading normal `n`. If `n` reflects wo below the
+// surface, the mirror direction is lifted to just above the surface, and the half vector of that direction and wo
+// is returned. The result changes continuously with `n`. It depends on wo, so reflection by it is not reciprocal.
+// `normal`: geometric, on wo's side.
 // Source: Keller et al. 2017, The Iray light transport simulation and rendering system, A.3 (bent normals). The height above
 //         the surface is that of Cycles' ensure_valid_specular_reflection, which leaves a flat surface unchanged.
 vec3 mirroring_normal(vec3 n, vec3 normal, vec3 wo)
@@ -194,8 +199,8 @@ vec3 mirroring_normal(vec3 n, vec3 normal, vec3 wo)
     return n;
 }
 
-// Cosine between the vertices' normal and the surface's own, which shows how far a coarse mesh is from the smooth surface that
-// it approximates.
+// Cosine between the interpolated vertex normal and the geometric normal. It shows how far a coarse mesh is from
+// the smooth surface that it approximates.
 float vertex_cosine(Surface s, bool front, vec3 wo)
 {
 #ifdef HAS_NORMAL_MAPS
@@ -206,9 +211,10 @@ float vertex_cosine(Surface s, bool front, vec3 wo)
     return dot(facing_normal(n, wo), front ? s.normal : -s.normal);
 }
 
-// Ratio of the light that a surface receives from wi with shading normal n to the light with the geometric normal, which faces
-// wi. A coarse mesh loses light from directions between the planes of vertices and triangle. The fraction
-// (1 + vertex_cosine) / 2 of uniform light is left, and the ratio is divided by it, so that a white furnace stays flat. Normal maps are not compensated, because their
+// Ratio of the light that a surface receives from wi with shading normal `n` to that with the geometric normal
+// `normal`, which faces wi. A coarse mesh loses light from directions that are above the triangle's plane but below
+// the plane of its vertex normal. Of uniform light, the fraction (1 + vertex_cosine) / 2 is left. The ratio is
+// divided by this fraction, so that a white furnace stays uniform. Normal maps are not compensated, because their
 // bumps do shade each other, and glTF weights light only by the cosine.
 float shading_cosine(vec3 n, vec3 normal, float vertex_cosine, vec3 wi)
 {
@@ -220,7 +226,8 @@ float shading_cosine(vec3 n, vec3 normal, float vertex_cosine, vec3 wi)
 }
 
 #ifdef HAS_MICROFACETS
-// Value of microfacets and clearcoat, times the cosine to their mirror normal over the cosine to the geometric normal.
+// BRDF of microfacets and clearcoat, times the cosine of wi with their mirroring normal over its cosine with the
+// geometric normal.
 vec3 mirroring_eval(Bsdf b, vec3 n, vec3 normal, vec3 wo, vec3 wi)
 {
     mat3 axes = surface_axes(b, mirroring_normal(n, normal, wo));
@@ -252,7 +259,8 @@ Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)
     return s;
 }
 
-// Variants for the triangle that a pixel's eye ray or path has hit, which may be streamed.
+// Variants for the triangle that the eye ray or path of a pixel has hit. It may be streamed; its data are then in
+// the pixel's record.
 #ifdef STREAMED
 #include "scene/stream_records.glsl"
 TEXELS(rgba32f, hit_records);
@@ -263,7 +271,7 @@ vec4 hit_plane(int triangle, ivec2 pixel)
     return texel(hit_records, record_texel(pixel, RECORD_PLANE));
 }
 
-// A streamed triangle has only its corners, so it is shaded flat.
+// Index of the triangle's shape. A streamed triangle has no vertex attributes, so hit_surface() shades it flat.
 int hit_shape(int triangle, ivec2 pixel)
 {
     if (triangle < first_streamed) return shape_of(triangle);
@@ -287,7 +295,7 @@ Surface hit_surface(int triangle, ivec2 pixel, vec3 position, vec4 plane)
 #define hit_surface(triangle, pixel, position, plane) surface_of_triangle(triangle, position, plane)
 #endif
 
-// Factors of a material from textures and vertex colours; 1 if there are none.
+// The functions below return factors on a material's values, from textures and vertex colours; 1 if there are none.
 
 #ifdef HAS_TEXTURES
 vec4 slot_or_one(uint slot, Surface s, const bool colours)
@@ -298,7 +306,7 @@ vec4 slot_or_one(uint slot, Surface s, const bool colours)
 #define NUMBERS(slot) slot_or_one(slot, s, false)
 #endif
 
-// rgb multiplies the reflectance, a the opacity.
+// Returns factors: rgb on the reflectance, a on the opacity.
 vec4 base_colour(Surface s)
 {
     vec4 colour = vec4(1.0);
@@ -311,7 +319,7 @@ vec4 base_colour(Surface s)
     return colour;
 }
 
-// x multiplies the roughness, y metallic.
+// Returns factors: x on the roughness, y on metallic.
 vec2 roughness_metallic(Surface s)
 {
 #ifdef HAS_SURFACE_TEXTURES
@@ -331,7 +339,7 @@ float transmission_factor(Surface s)
 }
 
 #ifdef HAS_ANISOTROPY
-// surface: MATERIAL_SURFACE, whose anisotropy is multiplied by a texture.
+// Sets the tangent of the microfacets. surface: MATERIAL_SURFACE; a texture multiplies its anisotropy, in z.
 void set_tangent(inout Bsdf b, Surface s, inout vec4 surface)
 {
     vec2 tangent = vec2(cos(surface.w), sin(surface.w));
@@ -349,7 +357,7 @@ void set_tangent(inout Bsdf b, Surface s, inout vec4 surface)
 #endif
 
 #ifdef HAS_DIFFUSE_TRANSMISSION
-// Sets the part of the diffuse base, `share` of the surface, that is transmitted instead of reflected.
+// Splits the diffuse base into reflection and transmission. share: fraction of the surface that has a diffuse base.
 void part_diffuse(inout Bsdf b, Surface s, float share)
 {
     vec4 through = material_texel(s.material, MATERIAL_THROUGH);
@@ -363,7 +371,8 @@ void part_diffuse(inout Bsdf b, Surface s, float share)
 #endif
 
 #ifdef HAS_SHEEN_ROUGHNESS_TEXTURES
-// Sets the sheen's alpha from a texture, with Charlie's lambda and white sheen's albedo, whose logarithm is interpolated.
+// Sets the sheen's alpha, and the coefficients that depend on it: those of Charlie's lambda, and those of the
+// logarithm of white sheen's albedo, interpolated in a table.
 void set_sheen_alpha(inout Bsdf b, float alpha)
 {
     b.sheen_alpha = max(alpha, SHEEN_MIN_ALPHA);
@@ -381,7 +390,8 @@ void set_sheen_alpha(inout Bsdf b, float alpha)
 #endif
 
 #ifdef HAS_MICROFACETS
-// Sets the layers over the base: thin film, clearcoat and sheen.
+// Sets the layers over the base: thin film, clearcoat and sheen. reflects: 1 if the visible side reflects,
+// otherwise 0.
 void cover(inout Bsdf b, Surface s, float reflects)
 {
 #ifdef HAS_IRIDESCENCE
@@ -424,8 +434,8 @@ void cover(inout Bsdf b, Surface s, float reflects)
 #endif
 
 #ifdef HAS_DISNEY
-// Sets the properties of Burley's surface: two roughnesses of an anisotropy, the root of its colour at each crossing of the
-// boundary [Burley 2015], and no base if seen from inside.
+// Sets the properties of Burley's surface: two alphas from roughness and anisotropy; the square root of its colour
+// as transmittance of each crossing of the boundary [Burley 2015]; no base if it is seen from inside.
 void set_disney(inout Bsdf b, bool front, vec3 base, vec4 surface, float transmission)
 {
     float aspect = sqrt(1.0 - 0.9 * surface.z), square = surface.x * surface.x;
@@ -475,7 +485,8 @@ void set_exact_layers(inout Bsdf b, int material, bool front, vec3 base, vec4 su
 }
 #endif
 
-// Returns the BSDF of a surface on the visible side; the factors are from textures.
+// Returns the BSDF of a surface on the visible side; the last three parameters are factors from textures and vertex
+// colours.
 Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float transmission_factor)
 {
     vec4 diffuse = material_texel(s.material, MATERIAL_DIFFUSE);
@@ -499,7 +510,7 @@ Bsdf bsdf_of(Surface s, bool front, vec3 colour, vec2 roughness_metallic, float 
 #ifdef HAS_GLASS
         vec4 glass = material_texel(s.material, MATERIAL_GLASS);
         transmission = (1.0 - metal) * glass.x * transmission_factor;
-        // The back of glass is its interior.
+        // The back of glass is its boundary seen from inside, which reflects, too.
         if (transmission > 0.0) reflects = 1.0;
         b.transmission = base * transmission;
 #ifdef HAS_MULTIPLE_SCATTERING
@@ -540,7 +551,8 @@ Bsdf bsdf_at(Surface s, bool front)
 }
 
 #ifdef HAS_MULTIPLE_SCATTERING
-// Directional albedo of single scattering by microfacets that reflect or transmit all light; first: cell of the table.
+// Directional albedo of single scattering by microfacets that reflect or transmit all light; first: index of the
+// table's first cell.
 float directional_albedo(int first, float cosine, float roughness)
 {
     vec2 at = vec2(sqrt(clamp(cosine, 0.0, 1.0)), roughness) * float(ALBEDO_CELLS);
@@ -551,17 +563,19 @@ float directional_albedo(int first, float cosine, float roughness)
     return mix(along.x, along.y, part.y);
 }
 
-// Ratio of multiply to singly scattered light, with reflectance F0 at normal incidence and `grazing` at grazing incidence. Each
-// further scattering takes its share of the lost light (glpath/scene/directional_albedo.py).
+// Ratio of multiply scattered to singly scattered light. F0, grazing: reflectance at normal and at grazing
+// incidence; lost: ratio of the light that single scattering loses to the light that it keeps. At each further
+// scattering, the fraction `left` escapes (glpath/scene/directional_albedo.py).
 vec3 further(vec3 F0, float grazing, float lost, float roughness)
 {
     float left = ESCAPES[0] + roughness * (ESCAPES[1] + roughness * (ESCAPES[2] + roughness * (ESCAPES[3] + roughness * ESCAPES[4])));
-    vec3 F = F0 + (grazing - F0) * (1.0 / 21.0);  // Schlick's mean over the cosine
+    vec3 F = F0 + (grazing - F0) * (1.0 / 21.0);  // cosine-weighted hemispherical mean of Schlick's Fresnel term
     return lost * F * left / max(1.0 - F * (1.0 - left), 1e-6);
 }
 
-// Energy compensation of Turquin 2019, eq. 15 and 3.4: the lost light returns in the lobe that lost it. The base gets the light
-// that a dielectric transmits.
+// Applies the energy compensation of Turquin 2019, eq. 15 and 3.4: light that single scattering loses returns in
+// the lobe that lost it. The base gets the light that a dielectric transmits. cosine: between wo and the mirroring
+// normal.
 void keep_energy(inout Bsdf b, int material, bool front, float cosine)
 {
     vec4 energy = material_texel(material, MATERIAL_ENERGY);

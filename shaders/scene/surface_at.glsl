@@ -13,7 +13,8 @@ vec2 sphere_uv(vec3 unit)
 }
 
 #ifdef HAS_NORMAL_MAPS
-// Applies a normal map; the gradients of the texture coordinates become those of the slot by its affine map.
+// Applies the normal map of a slot. along_u, along_v: vectors along which only the surface's u or only its v grows;
+// the slot's affine map converts them to vectors for the slot's u and v.
 vec3 mapped_by(Surface s, vec3 n, int slot, vec3 along_u, vec3 along_v)
 {
     vec2 u = slot_map_texel(slot, SLOT_MAP_U).xy, v = slot_map_texel(slot, SLOT_MAP_V).xy;
@@ -31,7 +32,8 @@ void map_normals(inout Surface s, vec3 along_u, vec3 along_v)
 #endif
 }
 
-// linear: world_from_unit, of any scale; unit: point on the unit sphere.
+// Applies the normal maps of a sphere or ellipsoid. linear: world_from_unit, of any scale; unit: point on the unit
+// sphere.
 void map_normal_of_sphere(inout Surface s, mat3 linear, vec3 unit)
 {
     float across = max(dot(unit.xy, unit.xy), 1e-12);
@@ -46,7 +48,8 @@ void complete_sphere(inout Surface s, int sphere)
 {
     vec4 ball = sphere_texel(sphere, SPHERE_BALL);
     vec3 out_of = normalize(s.position - ball.xyz);
-    // Project back onto the sphere, because t of a distant sphere has lost the last digits of the position.
+    // Project the position back onto the sphere, because it has lost its last digits if the sphere is distant and t
+    // is large.
     s.position = ball.xyz + abs(ball.w) * out_of;
     set_normal(s, ball.w < 0.0 ? -out_of : out_of);
     mat3 rows = mat3(

@@ -1,7 +1,7 @@
 // texture.glsl: value of a material's texture slot at texture coordinates. Every texture has its own size, filter and wrap
 // modes. The texels of all textures therefore lie in two stores, of floats and of bytes, and are read and filtered one by one.
-// Needs:  <SCENE>; HAS_FLOAT_IMAGES, HAS_BYTE_IMAGES, HAS_WRAPS (modes other than repeat), HAS_UV1, HAS_SRGB_NUMBERS (sRGB
-//         images in slots of numbers)
+// Needs:  <SCENE>; HAS_FLOAT_IMAGES, HAS_BYTE_IMAGES, HAS_WRAPS (modes other than repeat), HAS_UV1,
+//         HAS_SRGB_NUMBERS (sRGB images in slots that hold numbers instead of colours)
 // Units:  colours linear Rec. 709, decoded before filtering; alpha in w, 1 if a texture has none.
 
 #ifdef HAS_BYTE_IMAGES
@@ -22,7 +22,7 @@ vec3 from_srgb(vec3 encoded)
 }
 #endif
 
-// Returns texel i of its store.
+// Returns texel i of the store that has the image, decoded if it is sRGB.
 vec4 stored_texel(uvec4 image, int i, const bool colours)
 {
 #ifdef HAS_BYTE_IMAGES
@@ -42,7 +42,7 @@ vec4 stored_texel(uvec4 image, int i, const bool colours)
 #endif
 }
 
-// Texture coordinates of a slot, before wrapping.
+// Returns texture coordinates transformed by the affine map of a slot, before wrapping.
 vec2 slot_uv(int slot, vec2 uv, vec2 uv1)
 {
     vec4 row_u = slot_map_texel(slot, SLOT_MAP_U), row_v = slot_map_texel(slot, SLOT_MAP_V);
@@ -52,7 +52,8 @@ vec2 slot_uv(int slot, vec2 uv, vec2 uv1)
     return vec2(row_u.x * uv.x + row_u.y * uv.y + row_u.z, row_v.x * uv.x + row_v.y * uv.y + row_v.z);
 }
 
-// colours: true if the slot's texels may be sRGB. Numbers are not, and llvmpipe would decode even unused values.
+// Returns the filtered value of a slot. colours: true if the slot holds colours, whose texels may be sRGB. It is
+// false for slots of numbers, because llvmpipe would otherwise decode their texels and discard the result.
 vec4 slot_value(int slot, vec2 uv, vec2 uv1, const bool colours)
 {
     uvec4 image = slot_texel(slot, SLOT_IMAGE);

@@ -1,6 +1,6 @@
-// hemicube.frag: writes the triangle that the light sample sees; its number + 1, 0 for none.
-// Depth is linear, because a perspective depth has no precision left if the near plane is near enough for a shade close to a
-// lamp.
+// hemicube.frag: writes for each texel the number + 1 of the triangle that the light sample sees there; 0 for none.
+// Depth is linear, because the near plane must be so near that a lamp's shade is beyond it. A perspective depth
+// would then have no precision left.
 // Blended surfaces are sampled stochastically, texel by texel.
 #include "gl/texels.glsl"
 #include <SCENE>

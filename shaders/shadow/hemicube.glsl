@@ -1,12 +1,13 @@
 // hemicube.glsl: frame of a light sample, and the faces of its hemicube, or cube, in the atlas.
-// Frame: light_tangent, light_bitangent, light_normal right-handed and unit; the light leaves along the normal.
+// Frame: light_tangent, light_bitangent, light_normal right-handed and unit; light is emitted to the side of the
+//        normal.
 // FULL_CUBE: sides include their lower halves, and there is a bottom face, for a light that emits to all sides.
 uniform vec3 light_position;
 uniform vec3 light_normal;
 uniform vec3 light_tangent;
 uniform vec3 light_bitangent;
 
-// Returns the face that a direction in the light sample's frame leaves through.
+// Returns the face through which a direction in the light sample's frame leaves the hemicube.
 int hemicube_face_of(vec3 p)
 {
     vec2 a = abs(p.xy);
@@ -17,7 +18,8 @@ int hemicube_face_of(vec3 p)
     return a.x >= a.y ? (p.x > 0.0 ? 1 : 2) : (p.y > 0.0 ? 3 : 4);
 }
 
-// Converts from the light sample's frame to a face's: x and y across it, z along its axis. On a side y is along the normal.
+// Converts from the light sample's frame to that of a face: x and y across the face, z along its axis. On a side
+// face, y is along the light's normal.
 vec3 hemicube_to_face(int face, vec3 p)
 {
     if (face == 0) return p;
@@ -36,7 +38,7 @@ vec3 hemicube_from_face(int face, vec3 f)
     return face <= 2 ? vec3(face == 1 ? f.z : -f.z, f.x, f.y) : vec3(f.x, face == 3 ? f.z : -f.z, f.y);
 }
 
-// Lower end of a face along its y, which extends to 1. A side of a hemicube only has its upper half.
+// Lowest y of a face; the highest is 1. A side of a hemicube only has its upper half.
 float hemicube_low(int face)
 {
 #ifdef FULL_CUBE
@@ -46,7 +48,7 @@ float hemicube_low(int face)
 #endif
 }
 
-// Size of the atlas in texels for a resolution R.
+// Size of the atlas in texels; resolution: texels along an edge of the top face.
 vec2 hemicube_atlas(float resolution)
 {
 #ifdef FULL_CUBE

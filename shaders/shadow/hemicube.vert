@@ -1,5 +1,6 @@
 // hemicube.vert: projects the scene from a light sample on the five faces of a hemicube (Cohen & Greenberg 1985).
-// One instanced draw: instance = face, each in its own rectangle of one atlas, separated by clip distances.
+// One instanced draw, with an instance for each face. Each face has its own rectangle of one atlas; clip distances
+// separate them.
 //   face 0     the top, R x R, looks along light_normal
 //   faces 1-4  the upper halves of the sides, R x R/2, along +t, -t, +b, -b
 // FULL_CUBE: six faces R x R; face 5 looks against light_normal.
@@ -32,8 +33,9 @@ void main()
     gl_ClipDistance[0] = p.z - p.x;
     gl_ClipDistance[1] = p.z + p.x;
     gl_ClipDistance[2] = p.z - p.y;
-    // A side ends just above the light's plane, like the near plane of the top. Surfaces in that plane, such as the light
-    // itself, pass through the eye, and rounding would scatter them over the texels.
+    // A side ends just above the light's plane, at the distance of the top's near plane. Surfaces in the light's
+    // plane, such as the light itself, pass through the centre of projection, and rounding would scatter them over
+    // the texels.
 #ifdef FULL_CUBE
     gl_ClipDistance[3] = p.z + p.y;
     gl_ClipDistance[4] = light_one_sided ? l.z - light_range.x : 1.0;

@@ -1,12 +1,13 @@
 // point_shadow.glsl: visibility of a point light from a point on a surface, looked up in the light's shadow-buffer [TB III.D].
 // Needs:  <SCENE>; SHADOW_CUBE as for point_shadow_map.glsl
-//         SHADOW_TAPS      number of cells across that a lookup tests; 1: only the nearest, without a filter
-//         SHADOW_IDENTITY  the paper's rule; otherwise distances are compared
+//         SHADOW_TAPS      number of cells across, and up, that a lookup tests; 1: only the nearest, without a
+//                          filter
+//         SHADOW_IDENTITY  the paper's rule, which compares objects; otherwise distances are compared
 // Frame:  world. The buffers of all lights are tiles of one texture.
 //
-// An entry holds the primitive that its ray hits, and the tangent plane there as the vector g, where g . x = 1 for points x of
-// the plane, seen from the light. The distance t along a direction c is thus 1 / (g . c). Comparing it with the receiver's own
-// plane needs no trigonometry, square root or division.
+// An entry holds the primitive that its ray hits, and the tangent plane there as the vector g, where g . x = 1 for
+// points x of the plane, relative to the light. The distance t of the plane along a direction c is thus 1 / (g .
+// c). Comparing this distance with that of the receiver's own plane needs no trigonometry, square root or division.
 #include "gl/texels.glsl"
 #include "shadow/point_shadow_map.glsl"
 #include <SCENE>
@@ -18,12 +19,13 @@ uniform int shadow_tiles_across;
 // Rounding error of a point, as a fraction of its coordinates and the light's.
 const float SHADOW_ROUNDING = 5e-7;
 
-// Value of 1 / cos to the light above which a point is near a sphere's outline.
+// Maximum slope, 1 / cos of the angle between an entry's normal and the light, for spheres and ellipsoids. A
+// steeper entry is near the outline.
 const float SHADOW_STEEPEST = 4.0;
 
 ivec2 shadow_tile(int light) { return ivec2(light % shadow_tiles_across, light / shadow_tiles_across); }
 
-// Returns an entry's texel; cells are those of its face.
+// Returns an entry's texel; cell: position in cells of its face.
 ivec2 shadow_texel(int light, int face, vec2 cell)
 {
 #ifdef SHADOW_CUBE
@@ -35,7 +37,7 @@ ivec2 shadow_texel(int light, int face, vec2 cell)
     return (shadow_tile(light) * faces + tile) * ivec2(shadow_cells) + ivec2(cell);
 }
 
-// Returns the face and cell of a cell that may lie beyond its face's edge.
+// Finds a cell that may lie beyond the edge of `face`; returns the face that has it, and the cell on that face.
 ShadowPosition shadow_home(int face, vec2 cell)
 {
 #ifdef SHADOW_CUBE
@@ -52,22 +54,25 @@ ShadowPosition shadow_home(int face, vec2 cell)
 }
 
 #ifdef SHADOW_IDENTITY
-// [TB (8)] An object is lit if the light sees it. Wrong for objects that shadow themselves.
+// Returns true if the light sees another object in this cell, or none [TB (8)]. This is wrong for objects that
+// shadow themselves.
 bool shadow_entry_hides(uvec4 seen, int object)
 {
     return seen.w == 0u || shape_of(int(seen.w) - 1) != object;
 }
 #else
-// Returns true if the hit of the entry's ray along c (unit) occludes the point w (both from the light). `receiver` is the plane
-// of the point, in the format of the entry's g.
+// Returns true if the surface that the entry's ray hits along c (unit) occludes the point w; c and w are relative
+// to the light. `receiver` is the plane of the point, in the format of the entry's g.
 //
-// The receiver's distance along c is that of its plane, so no slope makes it shadow itself. At a ridge the cell may see the
-// other side of the edge. The receiver's plane, extended past the edge, is then in front. At a valley the entry's plane,
-// extended to the point, is behind it. Both planes meet between c and w, which are an angle a apart. In a valley, t of the
-// entry is therefore at least |w| - |w| a (1 / cos + 1 / cos'), with the cosines of both planes to the light. A nearer entry is
-// always an occluder; otherwise its plane decides. A convex occluder's tangent plane hides all points that it occludes, so no
-// true shadow is lost. Near the outline of a sphere the tangent plane soon leaves it, and does not describe the points within a
-// filter's radius.
+// First, the entry must be nearer along c than the receiver's plane, so no slope makes the receiver shadow itself.
+// This also decides at a ridge, where the cell may see the other side of the edge: the receiver's plane, extended
+// past the edge, is nearer.
+// Second, at a valley the cell may see the other side of the edge, too, and the entry is nearer. The entry's plane,
+// extended to the point, is then behind the point. Both planes meet between c and w, which are an angle a apart. In
+// a valley, t of the entry is therefore at least |w| - |w| a (1 / cos + 1 / cos'), with the cosines of both planes
+// to the light. A nearer entry is always an occluder; otherwise its plane decides. A convex occluder's tangent
+// plane hides all points that the occluder hides, so no true shadow is lost. Near the outline of a sphere the
+// tangent plane soon leaves the sphere, so the slope is limited there.
 bool shadow_entry_hides(uvec4 seen, vec3 c, vec3 w, vec3 receiver, float rounding)
 {
     vec3 g = uintBitsToFloat(seen.xyz);
@@ -81,9 +86,9 @@ bool shadow_entry_hides(uvec4 seen, vec3 c, vec3 w, vec3 receiver, float roundin
 }
 #endif
 
-// Returns the fraction of light that reaches `position` on a surface of an object with this normal (of either side). The filter
-// is a box over SHADOW_TAPS - 1 cells around the point, so it changes continuously with it (percentage-closer filtering: Reeves
-// et al. 1987). With 2 taps it is bilinear interpolation.
+// Returns the fraction of light that reaches `position` on a surface of an object with this normal (of either
+// side). The filter is a box over SHADOW_TAPS - 1 cells around the point, so the result changes continuously with
+// the point (percentage-closer filtering: Reeves et al. 1987). With 2 taps it is bilinear interpolation.
 float point_light_visibility(int light, vec3 position, vec3 normal, int object)
 {
     vec3 centre = texel(shadow_lights, shadow_tile(light)).xyz;

@@ -1,5 +1,5 @@
-// point_shadow_cells.frag: for every cell of a face, writes the face and cell that its own direction maps to. It checks that a
-// point light's mapping is consistent on this device.
+// point_shadow_cells.frag: for every cell of a face, maps the direction of its centre back, and writes the
+// resulting face and cell. This checks that the mapping of a point light is consistent on this device.
 #include "shadow/point_shadow_map.glsl"
 
 uniform int face;

@@ -1,5 +1,5 @@
 // point_shadow_fill.frag: shoots the ray of one cell of a point light's shadow-buffer at one object [TB III.E].
-// The depth test keeps the entry whose t' < t. Depth is t times a power of two, so its order is that of t to the bit.
+// The depth test keeps the nearest entry. Depth is t times a power of two, so it has the order of t to the bit.
 // Needs:  <SCENE>; KIND_SPHERE, KIND_ELLIPSOID, KIND_TRIANGLE or KIND_PLANE
 #include <SCENE>
 #include "scene/object_intersect.glsl"

@@ -1,6 +1,7 @@
-// point_shadow_fill.vert: draws the rectangles of cells whose rays may hit an object [TB III.E], two triangles each, or a point
-// for a small one, which needs one vertex instead of six. They end at borders of cells, so a ray is shot once for every cell
-// inside. The fragment shader discards other cells of a point.
+// point_shadow_fill.vert: draws the rectangles of cells whose rays may hit an object [TB III.E]. A rectangle is
+// drawn as two triangles, or a small one as a point, which needs one vertex instead of six. Rectangles end at
+// borders of cells, so one ray is shot for every cell inside. The fragment shader discards cells of a point that
+// are outside its rectangle.
 // Needs:  <SCENE>; KIND_SPHERE, KIND_ELLIPSOID, KIND_TRIANGLE or KIND_PLANE
 #include <SCENE>
 #include "scene/object_intersect.glsl"
@@ -68,11 +69,11 @@ void main()
     ivec2 low = ivec2(rectangle.x & 0xffffu, rectangle.x >> 16u);
     ivec2 high = ivec2(rectangle.y & 0xffffu, rectangle.y >> 16u);
     own_cells = ivec4(low, high);
-    // Corners 0 1 2 and 2 1 3.
+    // The two triangles have the corners 0 1 2 and 2 1 3.
     int corner = vertex < 3 ? vertex : vertex == 5 ? 3 : 5 - vertex;
     vec2 at = vec2((corner & 1) == 0 ? low.x : high.x + 1, (corner & 2) == 0 ? low.y : high.y + 1);
     int side = max(high.x - low.x, high.y - low.y) + 1;
-    // A point is drawn only if its centre is inside the face's tile.
+    // A point is drawn only if its centre is inside the face's tile, so the point is moved inside.
     if (as_points) at = vec2(min(low, ivec2(shadow_cells) - side)) + 0.5 * float(side);
     gl_PointSize = float(side);
     gl_Position = vec4(2.0 * (vec2(in_tile) + at) / vec2(tile_size) - 1.0, 0.0, 1.0);

@@ -20,9 +20,10 @@ struct ShadowPosition
 };
 
 #ifdef SHADOW_CUBE
-// Cells are equal steps of angle across a face instead of length, so that all have similar sizes. The solid angle of the
-// largest is 1.4 times that of the smallest, instead of 5.2 (Brown 2017, Equi-Angular Cubemaps). Faces 0 to 5 look along +x,
-// -x, +y, -y, +z, -z. Within a face x and y are across it, z along its axis. Opposite faces are mirror images.
+// Cells have equal angles across a face instead of equal lengths, so that all have similar sizes. The solid angle
+// of the largest is 1.4 times that of the smallest, instead of 5.2 (Brown 2017, Equi-Angular Cubemaps). Faces 0 to
+// 5 look along +x, -x, +y, -y, +z, -z. In the frame of a face, x and y are across it, and z is along its axis.
+// Opposite faces are mirror images.
 vec3 shadow_to_face(int face, vec3 d)
 {
     vec3 f = face < 2 ? d.yzx : face < 4 ? d.zxy : d;
@@ -71,7 +72,7 @@ vec3 shadow_direction(int face, vec2 at)
 }
 #endif
 
-// The cell's lower corner.
+// Lower corner of the cell that contains a position on a face.
 vec2 shadow_cell(vec2 at)
 {
     return clamp(floor(at), vec2(0.0), shadow_cells - 1.0);

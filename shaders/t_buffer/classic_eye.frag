@@ -1,6 +1,6 @@
-// classic_eye.frag: primary rays by the classical algorithm: each against every primitive, a range of primitives in each draw.
-// Writes the contents of a T-buffer: primitive + 1 (0 for none) and the bits of t. Between draws the depth test keeps the
-// nearest, by t * DEPTH_SCALE, which has all bits of t.
+// classic_eye.frag: primary rays by the classical algorithm: every ray is tested against every primitive, one range
+// of primitives for each draw. Writes the contents of a T-buffer: number of the primitive + 1 (0 for none), and the
+// bits of t. Between draws the depth test keeps the nearest hit, by t * DEPTH_SCALE, which has all bits of t.
 #include <SCENE>
 #include "scene/object_classic.glsl"
 #include "camera/camera.glsl"

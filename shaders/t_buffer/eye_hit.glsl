@@ -1,9 +1,10 @@
 // eye_hit.glsl: distance along a pixel's ray to the primitive in the eye buffer.
 // Needs:  object_intersect.glsl, surface_at.glsl, camera.glsl
 //
-// The buffer's rays all start at the eye. For a distant eye, t has the rounding of the distance, 6e-4 scene units at 10,000. It
-// is therefore recomputed from eye_origin, ahead of the eye. Parallel rays start there for the buffer too.
-const float EYE_ROUNDING = 2e-6;  // fraction of t within which the recomputed hit must lie
+// In the buffer, all rays start at the eye. For a distant eye, t has the rounding error of that distance, 6e-4
+// scene units at 10,000. It is therefore recomputed from eye_origin, ahead of the eye. Parallel rays start at
+// eye_origin in the buffer, too, so their t is kept.
+const float EYE_ROUNDING = 2e-6;  // maximum difference of the recomputed t, as a fraction of t
 
 float eye_hit(int primitive, ivec2 pixel, vec3 origin, vec3 direction, float t)
 {

@@ -1,16 +1,18 @@
 // object_bounds.glsl: bounds of the pixels whose rays can hit a primitive: a rectangle, slightly too large but never too small.
 // Needs:  <SCENE>, camera.glsl
 //
-// The rectangle comes from exact tangent planes, plus a margin for rounding. Rays of pixels with a centre outside miss. A
-// primitive that extends behind the eye has no bounds in projection, and may cover any pixel unless it is beyond a side of the
-// view. With parallel rays (EYE_ORTHOGRAPHIC) bounds are coordinates, and slopes are coordinates too.
+// The rectangle comes from exact tangent planes, plus a margin for rounding. The rays of all pixels whose centre is
+// outside miss the primitive. A primitive that extends behind the eye has no bounds in projection, and may cover
+// any pixel unless it is beyond a side of the view. With parallel rays (EYE_ORTHOGRAPHIC), slopes stand for
+// coordinates in camera space.
 const int HIDDEN = 0;   // the object covers no pixel
 const int BOUNDED = 1;  // the object covers pixels from low to high, inclusive, inside the window
 const int AROUND = 2;   // the object crosses the plane of the eye, so it may cover any pixel
 
-const float NEARLY = 1e-3;           // minimum distance from the plane of the eye, as a fraction of the extent
+const float NEARLY = 1e-3;  // an object nearer to the plane of the eye than this fraction of its extent is AROUND
 
-// Margin in pixels: rounding of coordinates by a rasteriser, and of directions.
+// bound_margin() returns the margin of bounds in pixels, for a rasteriser's rounding of coordinates and for
+// rounding of directions.
 float max_focal() { return max(eye_focal.x, eye_focal.y); }
 
 #ifdef EYE_ORTHOGRAPHIC
@@ -35,7 +37,8 @@ vec4 window_slopes()
     return vec4(first - bound_margin(), first + vec2(eye_size - 1) + bound_margin()) / eye_focal.xyxy;
 }
 
-// Converts slopes to pixels of the window.
+// Converts slopes to the pixels of the window between them, first and last. Returns BOUNDED, or HIDDEN if there are
+// none.
 int pixels_between(vec2 low_corner, vec2 high_corner, out ivec2 low, out ivec2 high)
 {
     vec2 shift = eye_centre - 0.5 - vec2(eye_corner), size = vec2(eye_size);
@@ -47,7 +50,8 @@ int pixels_between(vec2 low_corner, vec2 high_corner, out ivec2 low, out ivec2 h
 }
 
 #ifdef EYE_ORTHOGRAPHIC
-// Bounds of a body between two corners in the eye's axes, which rounding has moved slightly.
+// Bounds, for parallel rays, of a box given by two corners in the eye's axes. The box is enlarged by the corners'
+// rounding error.
 int parallel_bounds(vec3 low_corner, vec3 high_corner, out ivec2 low, out ivec2 high)
 {
     vec3 far = max(abs(low_corner), abs(high_corner));
@@ -59,8 +63,9 @@ int parallel_bounds(vec3 low_corner, vec3 high_corner, out ivec2 low, out ivec2 
 }
 #endif
 
-// Slopes of the two planes that contain the eye and one axis of the image, and touch an ellipsoid. The ellipsoid has the centre
-// (x, z), and half axes with the extents X along x and Z along z. xz = X . Z, zz = Z . Z, square = |z X - x Z|^2 - |X x Z|^2.
+// Slopes of the two planes that contain the eye and one axis of the image, and touch an ellipsoid. centre: its
+// centre (x, z). X and Z are the x and z components of its three half axes. xz = X . Z, zz = Z . Z, square = |z X -
+// x Z|^2 - |X x Z|^2.
 vec2 tangent_slopes(vec2 centre, float xz, float zz, float square)
 {
     float middle = centre.x * centre.y - xz, root = sqrt(max(square, 0.0));

@@ -1,5 +1,6 @@
-// shadow_rays.glsl: rays from a point of a surface to the lights that may reach it. Numbers start with the punctual lights,
-// then LIGHT_SAMPLES of emitting shapes and the sky. Also the ray from a ground that catches shadows.
+// shadow_rays.glsl: rays from a point of a surface to the lights that may reach it. Rays are numbered: one for each
+// punctual light, then LIGHT_SAMPLES to points of emitting shapes and directions of the sky. Also the ray from a
+// ground that catches shadows.
 // Needs:  <SCENE>, <CONSTANTS>, camera.glsl; the needs of light_samples.glsl, punctual.glsl, profile.glsl, ground.glsl
 #ifdef LIGHT_SAMPLES
 #include "lights/light_samples.glsl"
@@ -46,7 +47,8 @@ float sample_tmax(Incident light) { return min(light.distance * (1.0 - RAY_ROUND
 
 bool is_lit(vec3 E) { return max(E.r, max(E.g, E.b)) > 0.0; }
 
-// Distance from a point's surface at which its rays begin, if the eye's ray hit it at t; rounding: minimum.
+// Distance from the surface at which rays from a point begin. t: distance along the ray that has hit the point;
+// rounding: minimum.
 float rounding_at(vec3 position, float t, float rounding)
 {
     vec3 size = abs(position);
@@ -56,7 +58,8 @@ float rounding_at(vec3 position, float t, float rounding)
 float rounding_of(vec3 origin) { return RAY_ROUNDING * max(abs(origin.x), max(abs(origin.y), abs(origin.z))); }
 
 #ifdef HAS_GROUND
-// Returns true if the eye's ray through a pixel hits the ground; sets the ray from there to the light.
+// Returns true if the eye's ray through a pixel hits the ground. Sets the shadow ray: its start at this hit, and
+// its direction.
 bool ground_shadow_ray(ivec2 pixel, vec3 origin, vec3 direction, out vec3 start, out vec3 to_light)
 {
     ivec2 of_image = pixel + eye_corner;

@@ -1,7 +1,9 @@
-// stream_shadows.frag: tests if a part of the streamed triangles blocks shadow rays of pixels that are not blocked yet [TB
-// III.A]. The part is on the device during the test; the next part starts with the resulting bits.
-// Needs:  <SCENE>, <BVH>, <OCCLUDERS>; SHADOW_BUFFERS: lights with a position have no rays
-// Runs over: the images of words, see stream_shadows.glsl. Output: the word
+// stream_shadows.frag: tests if a part of the streamed triangles blocks those shadow rays of pixels that earlier
+// parts do not block [TB III.A]. The part is on the device during the test; the next part starts with the resulting
+// bits.
+// Needs:  <SCENE>, <BVH>, <OCCLUDERS>; SHADOW_BUFFERS: lights with a position are looked up in a buffer and have no
+//         rays
+// Runs over: the images of words, see stream_shadows.glsl. Output: the word, with a bit for each blocked ray
 #include <SCENE>
 #include "scene/surface_at.glsl"
 #include "camera/camera.glsl"
@@ -18,7 +20,7 @@ layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // counts 
 
 layout(location = 0) out uint blocked;
 
-// Sets the ray with a number; returns false if no light arrives along it.
+// Sets direction and length of the shadow ray with this number; returns false if no light arrives along it.
 bool shadow_ray(int number, vec3 position, vec3 normal, out vec3 wi, out float tmax)
 {
 #ifdef LIGHT_SAMPLES

@@ -1,7 +1,8 @@
-// stream_shadows.glsl: bits of the shadow rays of a pixel's first surface that streamed triangles block, by the numbers of
-// shadow_rays.glsl. If the pixel sees no surface, the first bit is that of the ground's ray.
+// stream_shadows.glsl: one bit for each shadow ray from a pixel's first surface, set if streamed triangles block
+// the ray. Bits have the ray numbers of shadow_rays.glsl. If the pixel sees no surface, the first bit is that of
+// the ground's ray.
 // Needs:  camera.glsl; STREAM_SHADOWS: streamed triangles are tested
-// A texture has an image of 32-bit words for each 32 rays, arranged in columns and rows.
+// A texture holds the words of all pixels as images, one image for each 32 rays, arranged in columns and rows.
 #ifdef STREAM_SHADOWS
 #include "gl/texels.glsl"
 UINT_TEXELS(r32ui, stream_shadows);

@@ -1,4 +1,5 @@
-// t_buffer.frag: shoots a ray that may hit the object; keeps (object, t) if t is less than the stored t [TB II.B].
+// t_buffer.frag: shoots the ray of a pixel that may hit the object; keeps (object, t) if t is less than the stored
+// t [TB II.B].
 // The depth test implements the rule t' < t. DEPTH_SCALE, a power of two, keeps all bits of t and their order.
 #include "t_buffer/t_buffer_ray.glsl"
 

@@ -1,14 +1,16 @@
 // t_buffer.vert: draws the part of the window in which a primitive's rays are shot [TB II.B].
-// A sphere or ellipsoid is drawn as a rectangle of pixels, a triangle as itself, slightly enlarged, and a plane as the window
-// on its side of the horizon. Data shared by the rays are passed as flat outputs. With SQUARES a rectangle is drawn as points,
-// as many as the table has: a small one then needs one vertex instead of six.
+// A sphere or ellipsoid is drawn as a rectangle of pixels, a triangle as itself, slightly enlarged, and a plane as
+// the window on its side of the horizon. Data shared by the rays are passed as flat outputs. With SQUARES a
+// rectangle is drawn as square points, which the table `squares` lists. A small one then needs one vertex instead
+// of six.
 #include "t_buffer/t_buffer_ray.glsl"
 
 uniform int first;  // index of the first primitive of this kind
 
 #ifdef SQUARES
 uniform int square_side;
-uniform usampler2D squares;  // item, index of the square | squares across << 20; see buffers/t_buffer.py
+// For each square: x: item; y: index of the square | number of squares across << 20; see buffers/t_buffer.py.
+uniform usampler2D squares;
 flat out ivec4 own_pixels;   // first and last pixel of the square, so that no ray is shot twice
 #endif
 
@@ -17,7 +19,7 @@ flat out Target aim;
 
 const vec4 NOWHERE = vec4(2.0, 2.0, 0.0, 1.0);
 
-// A corner of the window's pixel grid.
+// Clip position of a corner of the window's pixel grid.
 vec4 at_pixel(ivec2 corner) { return vec4(2.0 * vec2(corner) / vec2(eye_size) - 1.0, 0.0, 1.0); }
 
 #if defined(KIND_PLANE)
@@ -29,7 +31,7 @@ void draw_plane(int corner)
     vec2 slope = ((0.5 * corner_position + 0.5) * vec2(eye_size) + vec2(eye_corner) - eye_centre) / eye_focal;
     vec3 normal = to_eye(aim.plane.xyz);
 #ifdef EYE_ORTHOGRAPHIC
-    // The plane lies ahead of the ray's start.
+    // A ray hits the plane if the plane lies ahead of the ray's start.
     float height = aim.plane.w - dot(normal.xy, slope), off = dot(abs(normal.xy), bound_margin() / eye_focal);
     gl_ClipDistance[0] = normal.z == 0.0 ? -1.0 : sign(normal.z) * height + off + 1e-5 * abs(aim.plane.w);
 #else
@@ -41,7 +43,7 @@ void draw_plane(int corner)
 #elif defined(KIND_TRIANGLE)
 const int VERTICES = 3;
 
-// A right triangle that covers the rectangle.
+// Returns a corner of a right triangle that covers the rectangle.
 vec4 around_rectangle(int corner, ivec2 low, ivec2 high)
 {
     return at_pixel(low + ivec2(corner & 1, corner >> 1) * 2 * (high + 1 - low));
@@ -50,8 +52,9 @@ vec4 around_rectangle(int corner, ivec2 low, ivec2 high)
 #ifdef EYE_ORTHOGRAPHIC
 vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high) { return around_rectangle(corner, low, high); }
 #else
-// A corner of the triangle as a cone of the camera, moved so that both adjacent edges move outwards. Cones are valid behind the
-// eye, because the clipper handles them. Camera coordinates (x, y, z) are scaled to pixels.
+// Returns a corner of the triangle in homogeneous coordinates, moved so that both adjacent edges move outwards. It
+// is valid behind the eye, too, because the clipper handles it. own, next, previous: corners in camera space,
+// scaled to pixels.
 // Source: Hasselgren, Akenine-Möller & Ohlsson 2005, Conservative Rasterization.
 vec4 grown(vec3 own, vec3 next, vec3 previous, float side)
 {
@@ -71,7 +74,8 @@ vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high)
     vec3 a = pixels * to_eye(vertex_position(face.x) - eye_position);
     vec3 b = pixels * to_eye(vertex_position(face.y) - eye_position);
     vec3 c = pixels * to_eye(vertex_position(face.z) - eye_position);
-    // Only the directions count. Products of three vectors would exceed the range of floats in large scenes.
+    // Scale the corners; only their directions are used. Otherwise products of three vectors would exceed the range
+    // of floats in large scenes.
     vec3 max_abs = max(abs(a), max(abs(b), abs(c)));
     float scale = 1.0 / max(max(max_abs.x, max_abs.y), max(max_abs.z, 1e-30));
     a *= scale;
@@ -80,12 +84,12 @@ vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high)
     float volume = dot(cross(a, b - a), c - a);
     float side = volume < 0.0 ? -1.0 : 1.0;
     vec4 moved = corner == 0 ? grown(a, b, c, side) : corner == 1 ? grown(b, c, a, side) : grown(c, a, b, side);
-    // If the triangle is seen nearly edge-on, its moved edges may intersect anywhere. A right triangle that covers the
-    // rectangle is then drawn, also if the volume may be only rounding.
+    // If the triangle is seen nearly edge-on, its moved edges may intersect anywhere, and its volume may be mere
+    // rounding. A right triangle that covers the rectangle is then drawn instead.
     vec3 edges = vec3(
         length(cross(a, b - a).xy * c.z), length(cross(b, c - b).xy * a.z), length(cross(c, a - c).xy * b.z));
     float max_edge = max(edges.x, max(edges.y, edges.z)), rounding = 1e-6 * length(a) * length(b - a) * length(c - a);
-    bool wide = abs(volume) > 0.1 * max_edge + rounding;  // pixels, times the longest edge
+    bool wide = abs(volume) > 0.1 * max_edge + rounding;  // its smallest altitude exceeds 0.1 pixels
     return wide ? moved : around_rectangle(corner, low, high);
 }
 #endif
@@ -100,7 +104,7 @@ bool draw_square(uint square, ivec2 low, ivec2 high)
     ivec2 end = min(begin + square_side - 1, high);
     int side = max(max(end.x - begin.x, end.y - begin.y) + 1, 1);
     own_pixels = ivec4(begin, end);
-    // A point is drawn only if its centre is inside the window.
+    // A point is drawn only if its centre is inside the window, so the point is moved inside.
     gl_Position = vec4((vec2(2 * min(begin, eye_size - side)) + float(side)) / vec2(eye_size) - 1.0, 0.0, 1.0);
     gl_PointSize = float(side);
     return !any(lessThan(end, begin));

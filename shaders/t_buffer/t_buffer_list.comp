@@ -2,7 +2,7 @@
 // one work group.
 layout(local_size_x = 256) in;
 
-uniform int words;     // number of words of marks
+uniform int words;     // number of words in `large`, which marks primitives by one bit each
 uniform int vertices;  // number of vertices of one primitive
 
 layout(std430, binding = 1) buffer Elements { uint elements[]; };

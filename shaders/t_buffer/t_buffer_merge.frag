@@ -1,5 +1,6 @@
-// t_buffer_merge.frag: chooses the nearer of the drawn and the small primitives; at the same t the lower number. If programs of
-// this device differ in the last bits of t, these bits decide instead.
+// t_buffer_merge.frag: chooses for each pixel between the drawn and the small primitive: the nearer, or at the same
+// t the one with the lower number. If two programs of this device compute different last bits of t, these bits
+// decide instead.
 // Needs:  <T_BUFFER>
 #include <T_BUFFER>
 #include "gl/texels.glsl"

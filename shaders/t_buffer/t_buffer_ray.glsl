@@ -1,5 +1,5 @@
-// t_buffer_ray.glsl: rays of the T-buffer at one kind of primitive (KIND_...). All rays start at the eye, so their common terms
-// are computed once.
+// t_buffer_ray.glsl: intersects rays of the T-buffer with primitives of one kind (KIND_...). All rays start at the
+// eye, so the terms that they have in common are computed once for each primitive.
 // Needs:  <SCENE>, object_intersect.glsl, camera.glsl, object_bounds.glsl; STREAMED_CHUNK: the primitives are a chunk of
 //         streamed triangles
 #include <SCENE>
@@ -41,7 +41,8 @@ int bounds(int primitive, out ivec2 low, out ivec2 high)
     int ellipsoid = primitive - first_ellipsoid;
     vec4 axis0 = ellipsoid_texel(ellipsoid, ELLIPSOID_AXIS0), axis1 = ellipsoid_texel(ellipsoid, ELLIPSOID_AXIS1);
     vec4 axis2 = ellipsoid_texel(ellipsoid, ELLIPSOID_AXIS2);
-    // For a flat, distant ellipsoid, the rounding error in the space of its unit sphere is larger than in pixels.
+    // For a flat, distant ellipsoid, the rounding error in the space of its unit sphere is larger than in pixels,
+    // so its axes are lengthened.
     float grown = 1.0 + 1e-6 * length(target(primitive).from.xyz);
     mat3 axes = grown * mat3(axis0.xyz, axis1.xyz, axis2.xyz);
     return ellipsoid_bounds(vec3(axis0.w, axis1.w, axis2.w), axes[0], axes[1], axes[2], low, high);
@@ -99,7 +100,7 @@ float shoot_from(Target aim, vec3 direction, float tmin) { return plane_hit(aim.
 #endif
 
 #if defined(KIND_SPHERE) || defined(KIND_ELLIPSOID) || defined(KIND_TRIANGLE) || defined(KIND_PLANE)
-// Shoots the ray through a pixel of the window.
+// Returns the distance at which the ray through a pixel of the window hits the primitive.
 float shoot(int primitive, Target aim, ivec2 pixel)
 {
     vec3 origin = eye_origin(pixel), direction = eye_direction(pixel);

@@ -1,10 +1,11 @@
-// t_buffer_small.comp: rays at primitives that cover few pixels, a primitive per invocation [TB II.B].
-// A rasteriser spends most of its time on the setup of pixel-sized primitives. The first program (SECOND not defined) finds the
-// minimum t of each pixel, the second the lowest number among primitives with that t. Primitives of many pixels are marked, to
-// be drawn.
-// SECOND is another program, and GLSL does not guarantee that it computes the same bits. It therefore uses the rectangles of
-// the first program. If no primitive has the exact bits, it accepts a slightly different t. If it finds none at all, a
-// primitive that the first program has hit stays.
+// t_buffer_small.comp: shoots the rays at primitives that cover few pixels, one primitive for each invocation [TB
+// II.B].
+// A rasteriser spends most of its time on the setup of pixel-sized primitives. The first program (SECOND not
+// defined) finds the minimum t of each pixel. The second finds the lowest number among primitives with that t.
+// Primitives of many pixels are marked, to be drawn.
+// SECOND is another program, and GLSL does not guarantee that it computes the same bits. It therefore uses the
+// rectangles of the first program. If no primitive has exactly the minimum t, it accepts a slightly different t. If
+// it finds no primitive at all, one that the first program has hit stays.
 #include <T_BUFFER>
 #include "t_buffer/t_buffer_ray.glsl"
 
@@ -17,14 +18,15 @@ uniform int count;  // number of primitives
 layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };
 #endif
 layout(std430, binding = 2) buffer Nearest { uint min_t[]; };    // bits of positive floats, which have the same order
-layout(std430, binding = 3) buffer Numbers { uint lowest[]; };     // number of a primitive, and its certainty
+layout(std430, binding = 3) buffer Numbers { uint lowest[]; };     // number of a primitive, and how exact its t is
 layout(std430, binding = 4) buffer Large { uint large[]; };        // one bit per primitive
 layout(std430, binding = 6) buffer Small { uvec2 rectangles[]; };  // first pixel | y << 16; width | height << 16
 
 const int MAX_PIXELS = 64;
-const uint ULPS = 16u;  // maximum difference of t between programs, in steps of a float
+const uint ULPS = 16u;  // maximum difference of t between programs, in units in the last place
 
-// Sets the pixels of a small primitive; returns false if there are none.
+// Sets the rectangle of pixels of a small primitive; returns false if it has none. Marks a primitive that is not
+// small.
 bool small_rectangle(int item, int primitive, out ivec2 low, out ivec2 size)
 {
 #ifdef SECOND

@@ -1,12 +1,13 @@
 // whitted.frag: computes a pixel's radiance from the primitive that the eye sees [TB IV].
-// Needs:  <SCENE>; BY_BVH: secondary rays use the BVH, otherwise the classical algorithm; SHADOW_BUFFERS: lights with a
-//         position are looked up (point_shadow.glsl), otherwise a ray is shot; STREAM_SHADOWS: streamed triangles block rays
-//         too (stream_shadows.glsl); REFLECTIONS: the scene has reflections. (llvmpipe runs the body of a loop once even if no
-//         pixel enters it.)
+// Needs:  <SCENE>; BY_BVH: secondary rays use the BVH, otherwise the classical algorithm; SHADOW_BUFFERS: lights
+//         with a position are looked up (point_shadow.glsl), otherwise a ray is shot; STREAM_SHADOWS: streamed
+//         triangles block rays too (stream_shadows.glsl); REFLECTIONS: the scene has reflections. (Without them, no
+//         loop may contain mirror rays, because llvmpipe runs the body of a loop once even if no pixel enters it.)
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 //
 //   L = ambient rho + emission + sum over lights of (rho cos + specular max(r . v, 0)^exponent) E / pi + mirror L(r)
-// Lights are punctual lights, points of emitting shapes and directions of the sky, with LIGHT_SAMPLES of the latter two.
+// Lights are punctual lights, points of emitting shapes and directions of the sky. LIGHT_SAMPLES is the number of
+// the latter two.
 #include <SCENE>
 #include "scene/surface_at.glsl"
 #include "camera/camera.glsl"
@@ -36,7 +37,7 @@ layout(std430, binding = 0) buffer Tests { uint tests_of_pixel[]; };  // counts 
 #endif
 
 #ifdef HAS_ALPHA
-uint rays_cast = 0u;  // number of rays of the pixel
+uint rays_cast = 0u;  // number of rays cast for the pixel so far
 #endif
 
 // Point of a surface that a ray of the pixel has hit.
@@ -68,7 +69,7 @@ Shaded shaded_at(int primitive, ivec2 pixel, vec3 origin, vec3 direction, float 
     return at;
 }
 
-// Uses a new random number for every ray at blended surfaces.
+// Gives the pixel's next ray its own random number for blended surfaces.
 void begin_ray()
 {
 #ifdef HAS_ALPHA
@@ -93,7 +94,8 @@ bool shadow_ray_blocked(Shaded at, int ray, vec3 wi, float tmax)
     return is_blocked(ray, at.surface.position, wi, at.rounding, tmax, at.primitive);
 }
 
-// Light that the eye sees behind all shapes: the background, with the shapes' shadow on the ground if there is one.
+// Light that the eye sees behind all shapes: the background, and on a ground that catches shadows the shadow of the
+// shapes.
 vec3 seen_by_eye(vec3 origin, vec3 direction)
 {
     vec3 light = seen_behind(direction);
@@ -136,7 +138,8 @@ vec3 light_from_lights(Shaded at)
 }
 
 #ifdef LIGHT_SAMPLES
-// Radiance towards wo from light samples and the sky, always by rays, because the points differ in every path set.
+// Radiance towards wo from samples of emitting shapes and of the sky. These always need shadow rays, because their
+// positions differ in every path set.
 vec3 light_from_samples(Shaded at)
 {
     vec3 sum = vec3(0.0);
@@ -157,7 +160,7 @@ vec3 light_from_samples(Shaded at)
 }
 #endif
 
-// Adds light to a pixel; direct: true if no mirror was in between.
+// Adds light to a pixel; direct: true if at most one surface has reflected it.
 void add_light(inout vec3 L, vec3 light, bool direct)
 {
     L += light;
@@ -188,8 +191,8 @@ void add_direct_light(inout vec3 L, Shaded at, vec3 weight, int depth)
 #if defined(REFLECTIONS) && defined(HAS_COAT_NORMALS)
 uint mirrors_chosen = 0u;  // number of choices between clearcoat and base in this pixel so far
 
-// A smooth clearcoat with its own normals mirrors another direction than its base. The ray is not split; it follows one of the
-// two, with a probability in proportion to their reflectance.
+// A smooth clearcoat with its own normals mirrors another direction than its base. The ray is not split; it follows
+// one of the two directions, with a probability proportional to its reflectance.
 void choose_mirror(Shaded at, inout vec3 share, inout vec3 mirroring)
 {
     float coat = coat_mirrored(at.bsdf), both = coat + mean(share);
@@ -206,7 +209,7 @@ void choose_mirror(Shaded at, inout vec3 share, inout vec3 mirroring)
 #endif
 
 #ifdef REFLECTIONS
-// Follows the ray to the next surface; returns false if nothing more would contribute.
+// Follows the mirrored ray to the next surface; returns false if it is not cast, because it would add no light.
 bool mirror_ray(
     Shaded at, bool last, inout vec3 weight, inout vec3 origin, inout vec3 direction, inout int primitive, inout float t)
 {
