@@ -1,4 +1,4 @@
-"""Comparison modes by name, and the default mode of an image."""
+"""Comparison modes by name, and the default mode for two images."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def compare(picture: Picture, reference: Picture, mode: str | None = None, **lim
 
 
 def max_difference_pair(picture: Picture, reference: Picture) -> tuple[Picture, Picture]:
-    """Return both images, with alpha over black or white, whichever gives the larger difference.
+    """Return both images without alpha, laid over black or over white, whichever gives the larger mean difference.
 
     Raises ImageError for shapes that differ.
     """
