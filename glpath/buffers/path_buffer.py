@@ -416,8 +416,8 @@ class PathBuffer(Owner):
         direction : (3,), need not be unit
         sign      : (N,) +1 to look along the direction (default), -1 against it
 
-        A surface nearer than about 2e-6 of the scene's diameter counts as the surface where the ray starts. On a
-        steep surface, the limit is the depth that the surface spans over 1e-4 of a cell, if that is more.
+        A surface nearer than about 2e-6 of the scene's diameter counts as the surface where the ray starts. For a
+        steep surface, this distance grows by the depth that the surface spans over 1e-4 of a cell.
 
         Example
         -------

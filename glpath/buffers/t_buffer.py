@@ -99,8 +99,7 @@ class EyeBuffer(Owner, ABC):
         """Find the first hit of every ray; `eye` comes from `gl.camera.eye_uniforms`."""
 
     def fill_from(self, camera: Camera) -> None:
-        """Find the first hits of rays through a camera's pixel centres; its resolution must be the window's
-        size."""
+        """Find the first hits of rays through a camera's pixel centres; its resolution must be the window's."""
         if camera.resolution != self.size:
             raise UsageError(
                 f"buffer of {self.size[0]} x {self.size[1]} pixels: a camera of "
