@@ -47,12 +47,12 @@ class StartPoints:
         names = ["start_positions", "start_normals"]
         if sensor.smooth:
             names.append("start_shading")
-            # Needed also for scenes without shading normals, because the points bring their own.
+            # HAS_NORMALS is needed also for scenes without shading normals, because the points have their own.
             self.defines |= {"START_SHADING": 1, "HAS_NORMALS": 1}
         self.textures = {name: gl.texture(size, 4, dtype="f4") for name in names}
         for texture in self.textures.values():
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        # Triangles far from the origin have the rounding of their own coordinates.
+        # Bound of the scene's coordinates, for the rounding error of positions far from the origin.
         self._uniforms: Uniforms = {"start_extent": float(np.linalg.norm(scene.centre) + scene.radius)}
         self._pass = Pass(
             "points",
