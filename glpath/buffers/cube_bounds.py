@@ -96,8 +96,8 @@ def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
     def span(which: Int64, face: Int64, row: Int64) -> tuple[Float64, Float64]:
         """Return the first and last column of a row whose rays lie in the cap.
 
-        A ray (x, y, 1) lies in the cap if its squared dot product with the cap's axis is at least its squared
-        length times the squared cosine. For a given y, this is a quadratic equation in x.
+        A ray (x, y, 1) lies in the cap if the angle between ray and axis is at most the cap's. With squared cosines
+        and a given y, this is a quadratic equation in x.
         """
         i = rectangles.primitive[which]
         a, square = axes_of_face[face, i], cosine[i] ** 2

@@ -137,7 +137,7 @@ def in_bands(
 ) -> CellRectangles:
     """Divide large rectangles into bands of rows, each band only as wide as its object in those rows.
 
-    span : function that takes (N,) indices of rectangles, their faces, and rows; it returns the first and last
+    span : function that takes (N,) indices of rectangles, their faces, and rows. It returns the first and last
            column that the object covers in each row, as real numbers
     """
     height = whole.last[:, 1] - whole.first[:, 1] + 1

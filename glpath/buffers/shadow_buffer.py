@@ -317,7 +317,7 @@ class PointShadowBuffer(Owner, ABC):
         test: ShadowTest = "distance",
         taps: int = 1,
     ) -> NDArray[np.float32]:
-        """Return the fraction of a light that reaches points on surfaces, from arrays to arrays.
+        """Return the fraction of a light that reaches each point on a surface, from arrays to arrays.
 
         positions : (N, 3) world space
         normals   : (N, 3) unit, on either side

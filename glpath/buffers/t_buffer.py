@@ -139,7 +139,7 @@ class EyeBuffer(Owner, ABC):
         compute: str = "",
         streamed: bool = False,
     ) -> Program:
-        """Load a program.
+        """Load a program, with the defines of the scene and the camera added.
 
         streamed : True if the scene's float texture holds a chunk of streamed triangles
         """

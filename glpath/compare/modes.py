@@ -20,7 +20,7 @@ from glpath.errors import UsageError
 Mode = Literal["exact", "fuzzy", "stat", "flip"]
 MODES: tuple[str, ...] = get_args(Mode)
 
-# Backgrounds for images with alpha.
+# Backgrounds over which images with alpha are compared: name in messages, and sRGB value.
 _GROUNDS = {"over black": 0.0, "over white": 1.0}
 
 _COMPARISONS: dict[str, Callable[..., Verdict]] = {"exact": exact, "fuzzy": fuzzy, "stat": stat, "flip": flip}

@@ -56,7 +56,7 @@ Aov = Literal[
     "samples",
 ]
 AOVS: tuple[Aov, ...] = get_args(Aov)
-#: AOVs that a denoiser uses.
+#: AOVs that guide the denoiser, see `glpath.film.denoise`.
 DENOISER_AOVS: tuple[Aov, ...] = ("albedo", "normal")
 
 

@@ -184,7 +184,8 @@ def cryptomatte(
     number = {name: i for i, name in enumerate(distinct)}
     group = np.array([number[name] for name in names], np.int64)
     groups, samples = counts.ranked(group, ranks)
-    hashes = np.append(np.array([hash_id(name) for name in distinct], np.float32), np.float32(0.0))  # -1: none
+    # Group -1, no shape, takes the last hash, 0.
+    hashes = np.append(np.array([hash_id(name) for name in distinct], np.float32), np.float32(0.0))
     manifest = {name: _hex(hash_id(name)) for name in distinct}
     return Cryptomatte(LAYERS[kind], hashes[groups], samples / path_sets, manifest)
 

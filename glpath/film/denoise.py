@@ -28,8 +28,8 @@ Flags = dict[str, bool | str]
 # network would see black outside and darken the image's edges. With it, the squared error at the edges of `room` is
 # halved.
 _BEYOND = 16
-# Memory limit of the network in MiB for rendered images; an image that needs more is processed in tiles. 1920 x
-# 1080 pixels need 1.6 GiB without tiles; as two tiles they take the same time.
+# Memory limit of the network in MiB for rendered images; an image that needs more is processed in tiles. Without
+# tiles, 1920 x 1080 pixels need 1.6 GiB. As two tiles they take the same time.
 _PICTURE_MIB = 1024
 # Memory limit of the network in MiB for pages of lightmaps. It is lower, because a bake needs much other memory.
 # Pages of 2048 x 2048 then take 1.5 times as long as without tiles, and a sixth of the memory.

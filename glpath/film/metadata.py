@@ -131,7 +131,7 @@ class FilmMetadata:
 
     @property
     def aov_sums(self) -> dict[str, int]:
-        """Sums from which the AOVs are made, with their number of values per pixel."""
+        """Names of the sums from which the AOVs are made, with each sum's number of values per pixel."""
         return sums_of(self.aovs)
 
     @property

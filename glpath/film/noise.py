@@ -1,4 +1,4 @@
-"""Upper bound of an image's distance from the converged one, at a given confidence, from the spread of its batches.
+"""Upper bound of an image's error against the converged image, at a given confidence, from its batches' spread.
 
 The mean squared error of an image is sigma² on average; the spread between B batches gives an estimate s² of it.
 The ratio of this image's error to s² depends on its number of independent errors. If pixels err independently,
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 #: Minimum number of batches for an error estimate.
 MIN_BATCHES = 4
-#: Squared radiance added to the divisor of relative errors, for dark pixels, as in `compare.relative_mse`.
+#: Squared radiance added to the divisor of squared relative errors, as in `compare.relative_mse`, for dark pixels.
 FLOOR = 0.01
 
 

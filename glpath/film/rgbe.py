@@ -1,4 +1,4 @@
-"""Images of Radiance (.hdr, .pic): colours as three 8-bit mantissas and one exponent.
+"""Image files of the renderer Radiance (.hdr, .pic): colours as three 8-bit mantissas and one exponent.
 
 Source: Ward 1991, Real pixels (Graphics Gems II); Radiance's color.c and resolu.c, for the formats of its lines.
         Values are mantissa times 2^(exponent - 136), as in most programs; Radiance itself adds half a mantissa.

@@ -41,11 +41,11 @@ _QUANTA = 1 << 20
 # Maximum number of path sets that a 32-bit word can sum. Values are at most 2, because normal coordinates are
 # stored plus 1 (`shaders/film/aov.glsl`).
 _MAX_PATH_SETS = (1 << 11) - 1
-# Bits per position: float precision plus the range that infinite planes need beyond the scene.
+# Bits of a position's coordinate: float precision plus the range that infinite planes need beyond the scene.
 _POSITION_BITS = 36
 #: Maximum distance of recorded positions from the world's origin, as a multiple of the scene's greatest distance.
 FARTHEST = 1024
-# Maximum texture coordinate, enough for a tiled floor.
+# Largest texture coordinate that is summed, enough for a tiled floor; larger ones are clamped.
 _UV_EXTENT = 2.0**12
 # Number of path sets whose shapes are collected on the device before they are read back together.
 _SETS_READ = 8
@@ -54,7 +54,7 @@ _SETS_READ = 8
 def light_aovs(
     settings: IntegratorSettings, sums: PixelSums, dropped: NDArray[np.integer[Any]]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the sums of the AOVs of light for `Film.add`, after radiance was taken.
+    """Return the sums "dropped" and "direct" for `Film.add`, if AOVs need them. Call it after radiance was taken.
 
     dropped : (h, w) number of samples that were not finite
     """

@@ -61,7 +61,7 @@ class EmitterSilhouettes:
             **bvh.uniforms,
         }
         emits = np.array([shape.emits for shape in scene.scene.shapes], bool)
-        self._shines = np.append(emits[scene.scene.triangle_shape], False)  # last: no hit
+        self._shines = np.append(emits[scene.scene.triangle_shape], False)  # the last entry is for no hit
         # Edge pixels are packed side by side, in a square as small as possible, because a device shades pixels in
         # squares.
         self._max_across = -(-math.isqrt(size[0] * size[1]) // 8) * 8 + 8
@@ -104,7 +104,7 @@ class EmitterSilhouettes:
         seen_from : function from a position in the pixels to the index of each pixel's visible triangle, (h, w), -1
                     for none
         """
-        # Instances do not emit; their triangles have numbers beyond all others.
+        # Triangles of instances have numbers beyond the table. They do not emit, so they take its last entry.
         shines = [self._shines[np.minimum(seen_from(np.array(at)), len(self._shines) - 1)] for at in _SEARCH]
         edges = np.any(shines, axis=0) & ~np.all(shines, axis=0)
         y, x = np.nonzero(edges[::-1])

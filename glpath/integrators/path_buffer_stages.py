@@ -214,7 +214,7 @@ class PathBufferStages(PathSetEngine):
 
     def scan_scene(self, depth: int, scan: Scan) -> None:
         """Find the nearest surface beyond each path's z0."""
-        # The simplified surface may lie in front of the visible one, where paths start.
+        # The simplified surface may lie in front of the visible one, where paths start, so near hits are skipped.
         skipped = _SKIPPED if depth == 1 else 0.0
         with self.stopwatch.stage("scan scene"):
             self.path_buffer.scan_scene(scan, skipped)

@@ -39,9 +39,9 @@ _POINTS = 16  # number of start points of a guide's rays
 _MIN_RAYS = 2
 # Minimum number of rays in all cells of all guides together.
 _MIN_BUDGET = 1 << 19
-# Number of rays in all cells together, per pixel of the image. They take as long as one or two path sets. Four
-# times as many rays reduce the squared error by a tenth in `room`, whose guides are shared, and by half that in the
-# Cornell box. Four times as many guides with the same number of rays do not reduce it further.
+# Number of rays in all cells together, per pixel of the image. They take as long as one or two path sets. With four
+# times as many rays, the squared error falls by a tenth in `room`, where elements share guides, and by half that in
+# the Cornell box. Four times as many guides with the same number of rays do not reduce it further.
 _RAYS_A_PIXEL = 8
 _TESTS_A_RAY = 100
 # Fraction of the density given to plain cosine sampling. With a smaller fraction, hits in directions that no guide

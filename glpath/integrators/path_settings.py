@@ -47,7 +47,7 @@ class PathSettings(PathSetSettings):
         "bounce_lod": 'Rays have one BVH; integrator="path-buffer" has a simpler scene for bounces.',
     }
 
-    # Fixed here, because only a gather has a choice.
+    # Fixed for paths, because only a gather can choose these.
     radiosity_lookup: ClassVar[Lookup] = "interpolated"
     direct_light: ClassVar[DirectLight] = "traced"
 

@@ -68,7 +68,7 @@ _TREE_SAMPLES = 1
 _TREE_MIN = 12
 # Maximum number of triangles and punctual lights in a tree: its build takes some 50 microseconds for each of them.
 _TREE_MAX = 1 << 16
-_LIGHT_BLOCK = 64  # number of sets whose light samples are computed at once; a divisor of the sampler's own block
+_LIGHT_BLOCK = 64  # number of path sets whose light samples are computed at once; divides the sampler's own block
 # Number of bounces that take their numbers from the sequence; later bounces have independent random numbers.
 _MAX_BOUNCES = 14
 #: Maximum number of vertices of a path that otherwise only roulette ends, a safeguard. With a reflectance of 0.999
@@ -125,11 +125,11 @@ class RayPathEngine(PathSetEngine):
     def trace_path_set(self, index: int) -> None:
         """Trace one path for every pixel: the visible triangles, then all path rays in one draw."""
         pixel = self._sampler[index].pixel
-        self.move_to(index)  # moving objects, to the set's time
+        self.move_to(index)  # moves objects to the time of the path set
         eye = self._eye_uniforms(pixel, index)
-        self.see_silhouettes(index, pixel, eye)  # light of the pixels at an emitter's edge
-        self._see(eye)  # the triangle of each pixel
-        self.follow_paths(index, eye)  # each path to its end, and its light into the sums
+        self.see_silhouettes(index, pixel, eye)  # samples the light of pixels at an emitter's edge
+        self._see(eye)  # finds the visible triangle of each pixel
+        self.follow_paths(index, eye)  # traces each path to its end, and adds its light to the sums
 
     def see_silhouettes(self, index: int, sample: NDArray[np.float64], eye: Uniforms) -> None:
         """Sample the pixels at an emitter's edge; a window's first path set finds these pixels."""
@@ -195,9 +195,8 @@ class RayPathEngine(PathSetEngine):
             self._look_by_rays()
         parts = self._program_parts(bvh)
         self._constant = parts.uniforms
-        # Only few paths, those that nothing but roulette ends, have more vertices. For llvmpipe the draw is not
-        # divided: it has no watchdog, and it distributes squares of 64 x 64 to its threads, so a draw of one square
-        # would use one core.
+        # Few paths have more vertices: only those that nothing but roulette ends. On llvmpipe, the draw is not
+        # divided: there is no watchdog, and threads get squares of 64 x 64, so a small draw would use one core.
         vertices = min(settings.path_length, _USUAL_DEPTH)
         tests = self._branches * vertices * _TESTS_A_VERTEX
         self._areas = draw_areas(self._size, tests) if hardware else [(0, 0, *self._size)]
@@ -227,7 +226,7 @@ class RayPathEngine(PathSetEngine):
         # errors.
         self._draws: LightDraws | None = None
         independent = isinstance(self.sensor, PointSensor) and self.sensor.independent
-        # A tree has its own probabilities for single triangles.
+        # With a tree there are no rectangles, because the tree has its own probabilities for single triangles.
         still = not self._by_tree and not (scene.moving and scene.moving.lamps)
         rectangles = LampRectangles.that_pay(self.lighting) if still else None
         # Shared light samples cannot depend on positions, but trees, portals and solid angles select by position.

@@ -42,7 +42,7 @@ ROULETTE_OF_GATHER = 4
 #: Hints for users who give an option of look-ups to an integrator that looks up no solution.
 NO_LOOKUP = {"lookup_depth": "max_depth says how long paths are; only a gather looks up a solution."}
 
-# AOVs that a film of points can have: those of light, because no eye sees a surface.
+# AOVs that a film of points can have: only those of light, because no camera sees a surface.
 _POINT_AOVS = ("direct", "indirect", "samples")
 
 

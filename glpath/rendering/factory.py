@@ -58,7 +58,7 @@ _PIXELS_PER_TRIANGLE = 16
 # that of a different scene.
 _LOST = 0.5
 
-# Fraction of lost rays above which the image is noisier than expected from its path sets.
+# If more than this fraction of rays is lost, a warning says that the image is noisier than its path sets suggest.
 _CROWDED = 0.25
 
 #: Key in a film's statistics. It shows that the paths have no guides, because the time limit left no time for a
@@ -123,7 +123,7 @@ class Counts(Protocol):
     """Part of an engine's interface that is needed for a film's metadata."""
 
     def statistics(self) -> dict[str, object]:
-        """Return the counts so far."""
+        """Return the engine's counts so far, for `FilmMetadata.statistics`."""
 
 
 @dataclass(frozen=True)

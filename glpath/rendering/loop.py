@@ -129,7 +129,7 @@ class Clock:
         return self._before.elapsed_s + time.perf_counter() - self.started
 
     def ended(self, at_block: bool) -> str:
-        """Return the rule that ends the render after a step, or "".
+        """Return the rule that ends the render after a step, or "" if the render continues.
 
         at_block : True if the step was the last one of a block, so that batches can be compared
         """

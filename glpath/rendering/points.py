@@ -40,9 +40,9 @@ Float64 = NDArray[np.float64]
 
 Receiver = Literal["plane", "cylinder"]
 
-#: Number of directions around a cylinder. With 32, the mean over them has an error of at most 0.2 % for the light
-#: of one lamp, because harmonic 32 of a clamped cosine is 2 / (32^2 - 1). The number is a power of two, so path
-#: sets use each direction equally often.
+#: Number of directions around a cylinder. With 32, the mean over them has an error of at most 0.2 % for one lamp:
+#: harmonic 32 of a clamped cosine is 2 / (32^2 - 1). The number is a power of two, so path sets use each direction
+#: equally often.
 _AROUND = 32
 
 

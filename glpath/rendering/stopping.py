@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from glpath.film.film import Film
     from glpath.rendering.run_options import RunOptions
 
-#: Fraction of renders whose error is below the given noise bound.
+#: Confidence of the noise rule: fraction of renders whose error is below the limit that ended them.
 CONFIDENCE = 0.95
 
 #: Number of path sets at the first check of a noise rule.

@@ -117,7 +117,7 @@ def _minimum(sums: Float64, counts: NDArray[np.int64]) -> Extreme:
     plain = float(means.min())
     if batches < _MIN_BATCHES:
         return Extreme(plain, np.nan, plain)
-    # The correlation of errors is -k between batches, and -c between halves.
+    # The correlation of errors is -k between two batches, and -c between the two halves of the batches.
     k = (1 - gain) / (batches - 1 + gain)
     c = 0.5 * batches * k / (1 - (0.5 * batches - 1) * k)
     values, weights = [], []
