@@ -447,7 +447,7 @@ class PathBuffer(Owner):
         return Hits(triangle, t)
 
     def blocked(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> NDArray[np.bool_]:
-        """Return (N,) bool: True if any surface lies beyond the origin; like `cast`, for `occlusion`."""
+        """Return (N,) bool: True if any surface lies beyond the origin. It replaces `cast` with `occlusion`."""
         if not self.occlusion:
             raise UsageError(
                 "path-buffer: blocked is of a buffer that finds only whether anything is hit",

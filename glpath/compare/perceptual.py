@@ -121,7 +121,8 @@ def _evaluated(image: Float64, reference: Float64, ppd: float, *, colours: bool)
 def _differing(a: NDArray[np.float32], b: NDArray[np.float32], ppd: float) -> tuple[slice, slice] | None:
     """Return the rectangle outside which FLIP is zero, including its filters' extent; None for equal images.
 
-    FLIP takes half a microsecond per pixel. Most changes cover a small part of an image, so only that is evaluated.
+    FLIP takes half a microsecond per pixel. Most changes cover only a part of an image, so only that part is
+    evaluated.
     """
     differ = (a != b).any(axis=2)
     if not differ.any():

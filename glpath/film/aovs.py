@@ -113,8 +113,7 @@ AOV_KINDS: dict[str, AovKind] = {
     "samples": AovKind(letters="X", note="how many"),
 }
 
-#: For an AOV computed from the sums of something else: the name of those sums, and their number of values per
-#: pixel.
+#: AOVs computed from sums of another name: that name, and the sums' number of values per pixel.
 _MADE_FROM: dict[str, tuple[str, int]] = {"indirect": ("direct", 3), "samples": ("dropped", 1)}
 
 

@@ -123,7 +123,7 @@ def wrapped(caption: str, width: int) -> list[str]:
 
 
 def page(title: str, lines: Sequence[str], width: int, body: int) -> tuple[Figure, int, int]:
-    """Return a white page with title and caption; in pixels, the space below its body, and the page's height."""
+    """Return a white page with title and caption, the lower edge of its body, and its height (pixels)."""
     require_matplotlib()
     from matplotlib.figure import Figure
 

@@ -215,7 +215,8 @@ class FilmSums:
     def __getstate__(self) -> dict[str, Any]:
         """Return the state for pickle, without empty batches: a worker's eight path sets fill only one batch."""
         used = self.batch_counts > 0
-        sums = self.radiance_sums if used.all() else self.radiance_sums[used]  # avoids copying 400 MB
+        # Full sums, which may have 400 MB, are not copied.
+        sums = self.radiance_sums if used.all() else self.radiance_sums[used]
         # Fields that are derived from others, or belong to this process, are not pickled.
         derived = {each.name: None for each in fields(self) if not each.init}
         return {**vars(self), "radiance_sums": sums, **derived}

@@ -1,7 +1,8 @@
 """AOVs: properties of the visible surfaces, summed over the path sets as radiance is.
 
-They use the same eye rays as the image, so edges are as soft in them as in the image. All sums are whole numbers of
-quanta, exact in any order. The CPU counts the visible shapes, because their number is not limited.
+AOVs use the same eye rays as the image, so edges are as soft in them as in the image. All sums are integers, in
+units of a quantum, so they are exact in any order. The CPU counts the visible shapes, because their number is not
+limited.
 
 Cost:     a draw over the pixels for each path set. Albedo and normal, or depth and position, or ids, add some 3 %
           of processor time to a set of `cornell-box-36`; all AOVs with direct light add 14 %. Nothing if no AOV is

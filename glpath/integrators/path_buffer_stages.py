@@ -6,12 +6,12 @@ made of these stages; they differ in the treatment of a path's last vertex.
 
 Differences from the paper, and reasons:
 
-- A set has two directions a bounce. Each serves both hemispheres, because a path flips it to its visible side. A
-  path takes the direction nearer to its normal, so the density is the cosine over pi: importance sampling by a
-  single comparison. `directions="hemisphere"` has one direction, density 1/(2 pi). `"lattice"` has one for the
-  first bounce, a point of an extensible lattice: indirect light at the visible surfaces is mainly a smooth integral
-  over the hemisphere, which a lattice samples best. `"sphere"` is the paper's, 1/(4 pi), which loses every other
-  path.
+- A set has two directions a bounce. Each serves both hemispheres, because a path reverses a direction that points
+  behind its surface. A path takes the direction nearer to its normal, so the density is the cosine over pi:
+  importance sampling by a single comparison. `directions="hemisphere"` has one direction, density 1/(2 pi).
+  `"lattice"` has one for the first bounce, a point of an extensible lattice. Indirect light at the visible surfaces
+  is mainly a smooth integral over the hemisphere, which a lattice samples best. `"sphere"` is the paper's,
+  density 1/(4 pi), which loses every other path.
 - Light samples and directions, except the lattice's, come from a scrambled Sobol sequence; `sampling="random"` is
   the paper's, for all of them.
 - Both the light sample and the direction can find an emitter. They are weighted by the power heuristic (Veach

@@ -3,10 +3,10 @@
 A path set is one path for every pixel, as with the path-buffer, but its paths share only their position in the
 pixels. Each path draws its directions by the cosine of its surface or, with a radiosity solution, by the incident
 light (`path_guide`). There is one sample of each light, and a path selects one of the samples by its contribution.
-From twelve lights with a position on, a tree of lights selects one for each vertex (`glpath.lights.tree`).
+If at least twelve lights have a position, a tree of lights selects one for each vertex (`glpath.lights.tree`).
 Rectangular emitters close to surfaces are sampled by solid angle (`glpath.lights.rectangles`), the sky also through
-portals (`glpath.scene.portal`). A gather's path branches at its first vertex, the source of nearly all its error:
-branches share the eye's ray and the light there, 0.4 of a set's cost. No ray is lost in a crowded cell, and the
+portals (`glpath.scene.portal`). A gather's path branches at its first vertex, the source of nearly all its error.
+Branches share the eye's ray and the light there, 0.4 of a set's cost. No ray is lost in a crowded cell, and the
 error is noise without streaks. A ray costs the logarithm of the number of triangles, a scan their number.
 docs/explanation/accuracy.md has measurements.
 
@@ -123,7 +123,7 @@ class RayPathEngine(PathSetEngine):
     # Frame.
 
     def trace_path_set(self, index: int) -> None:
-        """Trace one path for every pixel: the visible triangles, then all path rays in one draw."""
+        """Find the visible triangles, then trace one path for every pixel in one draw."""
         pixel = self._sampler[index].pixel
         self.move_to(index)  # moves objects to the time of the path set
         eye = self._eye_uniforms(pixel, index)

@@ -109,7 +109,7 @@ class IntegratorSettings(ABC):
         return self
 
 
-# Options of several integrators.
+# Options that several integrators share.
 DEPTH = (
     "vertices of a path: 1 is direct light only, 3 two bounces; 1000 is all bounces. With ambient light of the "
     "scene, which stands for further ones, 5 by default"

@@ -1,8 +1,8 @@
 """Points where paths start, instead of a camera: the first vertex of each path is a white receiver at a point.
 
-Points are uploaded for a window. A short ray finds the triangle that each lies on, once unless the points move.
-Rays from there do not hit that triangle, and guides are those of its element. Streamed triangles are not searched:
-a point on one starts slightly above it, along the point's normal, like a point in the air.
+Points are uploaded for a window. A short ray finds the triangle that a point lies on; if nothing moves, it is cast
+only once. Path rays from the point ignore this triangle, and its element selects the path guide. Streamed triangles
+are not searched: a point on one starts slightly above it, along the point's normal, like a point in the air.
 
 Cost:     a short ray for each point, whenever they change; with several tables, in each path set.
 Poor at:  points in the edge between two surfaces: only one is found.

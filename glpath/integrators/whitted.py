@@ -2,8 +2,8 @@
 
 One path set is one ray through every pixel, all at the same position in their pixels, and all secondary rays. The
 frame is `WhittedTracer.trace_path_set`. Primary rays use the classical algorithm or the T-buffer; light uses shadow
-rays or shadow-buffers. Reflections use the classical algorithm, as in the paper, or a BVH, which its section VI
-proposes. All share the routines of intersection and shading.
+rays or shadow-buffers. Reflections use the classical algorithm, as in the paper, or a BVH, which the paper's
+section VI proposes. All share the routines of intersection and shading.
 
 Additions to the paper: a path set has light samples of emitting shapes, and of the sky if there is no ambient
 light. All pixels share them, as in the path-buffer [PB 3.3]. Their shadows are rays. Streamed triangles are visible
