@@ -373,8 +373,8 @@ class SphereShadowBuffer(PointShadowBuffer):
 class CubeShadowBuffer(PointShadowBuffer):
     """Shadow-buffer of six faces about the light, side x side entries each, along the world's axes.
 
-    Cells are equally spaced in angle across a face, so all have about the same size. Those of `SphereShadowBuffer`
-    do only near its equator. A cube needs 3/4 of a sphere's cells for the same maximum cell size.
+    Cells are equally spaced in angle across a face, so all have about the same size. Cells of `SphereShadowBuffer`
+    have this size only near its equator. A cube needs 3/4 of a sphere's cells for the same maximum cell size.
     """
 
     shape = "cube"
