@@ -1,7 +1,7 @@
-"""Data structures of the papers, each usable alone.
+"""Data structures of the papers (T-buffer, shadow-buffers, path-buffer), each usable alone.
 
-Each takes the OpenGL context and a scene on the device, `glpath.gl.get_context` and `glpath.gl.DeviceScene`, and is
-imported at its first use.
+Their constructors take the OpenGL context (`glpath.gl.get_context`) and a scene on the device
+(`glpath.gl.DeviceScene`). A class is imported at its first use.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Cells of a cube-buffer as rectangles on its six faces; see `light_bounds`."""
+"""Bounds of objects on the six faces of a cube-buffer, as rectangles of cells; see `light_bounds`."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ FACES = 6
 
 
 def cube_rectangles_of_planes(world_from_plane: Float64, light: Float64, side: int) -> CellRectangles:
-    """Return the cells of a cube-buffer whose rays hit each plane of (P, 3, 4)."""
+    """Return, for each infinite plane of (P, 3, 4), the cells of a cube-buffer whose rays hit it."""
     parts = [NOTHING]
     y = np.tan(((np.arange(side) + 0.5) / side - 0.5) * np.pi / 2)
     for index, world in enumerate(towards(world_from_plane, light)):
         for face in range(FACES):
             n = to_face(face, world)
-            # n.x x + n.y y + n.z > 0
+            # The ray (x, y, 1) of a face hits the plane if n.x x + n.y y + n.z > 0.
             rest = n[1] * y + n[2] + MARGIN
             with np.errstate(divide="ignore", invalid="ignore"):
                 cut = np.nan_to_num(-rest / n[0], nan=np.inf, posinf=np.inf, neginf=-np.inf)
@@ -58,7 +58,7 @@ def to_face(face: int, d: Float64) -> Float64:
 
 
 def _face_cells(low: Float64, high: Float64, side: int) -> tuple[Int64, Int64]:
-    """Convert angles (N, 2) across a face to cells of the face."""
+    """Convert ranges of angles (N, 2) across a face, enlarged by a margin, to ranges of the face's cells."""
     first, last = cells_between(
         ((low - MARGIN) * 2 / np.pi + 0.5) * side, ((high + MARGIN) * 2 / np.pi + 0.5) * side
     )
@@ -66,10 +66,10 @@ def _face_cells(low: Float64, high: Float64, side: int) -> tuple[Int64, Int64]:
 
 
 def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
-    """Return the cells of a cube-buffer whose rays lie in each cap.
+    """Return, for each cap, the cells of a cube-buffer whose rays lie in the cap.
 
-    Across a face, the extent of a cap lies between two planes that touch it and contain the other axis (Mara &
-    McGuire 2013).
+    Along one axis of a face, a cap extends between two planes that touch the cap and contain the face's other axis
+    (Mara & McGuire 2013).
     """
     parts = []
     index = np.arange(len(caps.angle))
@@ -82,7 +82,7 @@ def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
         half = np.where(
             radius[:, None] < distance - 1e-12,
             np.arcsin(np.minimum(radius[:, None] / np.maximum(distance, TINY), 1.0)),
-            2 * np.pi,  # the other axis lies in the cap
+            2 * np.pi,  # the face's other axis lies in the cap
         )
         low, high = np.maximum(middle - half, -np.pi / 4), np.minimum(middle + half, np.pi / 4)
         missed = np.any(low > high + MARGIN, axis=1)
@@ -94,9 +94,10 @@ def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
     cosine = np.cos(np.minimum(caps.angle + MARGIN, np.pi / 2))
 
     def span(which: Int64, face: Int64, row: Int64) -> tuple[Float64, Float64]:
-        """Return the first and last column inside the cap, along a row.
+        """Return the first and last column of a row whose rays lie in the cap.
 
-        Inside, the square of a direction's product with the axis is large enough, which gives a quadratic equation.
+        A ray (x, y, 1) lies in the cap if the angle between ray and axis is at most the cap's. With squared cosines
+        and a given y, this is a quadratic equation in x.
         """
         i = rectangles.primitive[which]
         a, square = axes_of_face[face, i], cosine[i] ** 2
@@ -104,7 +105,8 @@ def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
         along = a[:, 1] * y + a[:, 2]
         p, q, r = a[:, 0] ** 2 - square, a[:, 0] * along, along**2 - square * (1 + y * y)
         inside = q * q - p * r
-        # Ellipses only; the other conics are rare and keep their rectangles, like rows that just touch.
+        # Only ellipses narrow a row. Other conics are rare, and their rows stay whole. Rows that just touch are
+        # kept.
         ellipse = (p < -1e-6) & (inside > -1e-9)
         root = np.sqrt(np.maximum(inside, 0.0)) + MARGIN
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -117,7 +119,7 @@ def cube_rectangles_of_caps(caps: Caps, side: int) -> CellRectangles:
 
 
 def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) -> CellRectangles:
-    """Return the cells of a cube-buffer whose rays can hit each triangle of (T, 3, 3).
+    """Return, for each triangle of (T, 3, 3), the cells of a cube-buffer whose rays can hit it.
 
     The rectangle on a face bounds each edge, clipped by the four planes through the light and the face's edges. It
     also bounds the corners of the face that the triangle covers.
@@ -131,7 +133,7 @@ def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) 
     for face in range(FACES):
         d = to_face(face, world)
         heights = d @ planes.T  # (T, corner, plane): inside where >= 0
-        # Most triangles lie outside one of the planes.
+        # Most triangles lie outside one of the four planes, so they are not on this face.
         near = np.flatnonzero(~np.any(np.all(heights < -MARGIN, axis=1), axis=1))
         d, heights = d[near], heights[near]
         low, high = np.full((len(near), 2), np.inf), np.full((len(near), 2), -np.inf)
@@ -157,7 +159,8 @@ def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) 
             side_of = normals @ corner
             tolerance = 1e-9
             covered = np.all(side_of >= -tolerance, axis=1) | np.all(side_of <= tolerance, axis=1)
-            # Exclude triangles that cover the opposite direction of the corner.
+            # A triangle that covers the direction opposite to the corner passes the test above, but is excluded
+            # here.
             covered &= np.any(d @ corner > 0, axis=1)
             low = np.where(covered[:, None], np.minimum(low, corner[:2]), low)
             high = np.where(covered[:, None], np.maximum(high, corner[:2]), high)
@@ -171,7 +174,7 @@ def cube_rectangles_of_triangles(triangles: Float64, light: Float64, side: int) 
     edges_of_face = np.stack([to_face(face, edges) for face in range(FACES)])
 
     def span(which: Int64, face: Int64, row: Int64) -> tuple[Float64, Float64]:
-        """Return the first and last column inside the triangle; each edge's plane intersects the row once."""
+        """Return the first and last column of a row in the triangle; each edge's plane intersects the row once."""
         y = np.tan(((row + 0.5) / side - 0.5) * np.pi / 2)
         begin, end = np.full(len(which), -1.0), np.full(len(which), 1.0)
         for edge in range(3):

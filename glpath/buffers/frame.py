@@ -1,4 +1,4 @@
-"""Frames about a direction: axes of the columns and rows of a buffer."""
+"""Axes, along the columns and rows of a buffer, that form a frame with the buffer's direction."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _ROLLS = np.linspace(0.0, np.pi / 2, 32, endpoint=False)
 def frame_about(direction: Float64, roll: float = 0.0) -> tuple[Float64, Float64]:
     """Return unit vectors (u, v), each (3,), that form a right-handed frame with a unit direction (3,).
 
-    `roll` rotates them about the direction, radians. Source: Duff et al. 2017, Building an Orthonormal Basis,
+    `roll` rotates u and v about the direction, radians. Source: Duff et al. 2017, Building an Orthonormal Basis,
     Revisited.
     """
     d = direction
@@ -29,7 +29,8 @@ def frame_about(direction: Float64, roll: float = 0.0) -> tuple[Float64, Float64
 def tight_frame(direction: Float64, points: Float64) -> tuple[Float64, Float64]:
     """Return the frame about a direction in which the bounding rectangle of (N, 3) points is small.
 
-    A path-buffer's cells then lie where paths are; in a box-like scene, this halves the losses by crowding.
+    A path-buffer's cells then lie where paths are. In a box-like scene, this halves the number of rays lost in
+    crowded cells.
     """
     x, y = frame_about(direction)
     px, py = points @ x, points @ y

@@ -1,9 +1,10 @@
 """Shadow-buffer of a path set's light sample [PB 3.3]: a hemicube above it (Cohen & Greenberg 1985).
 
-It has five faces in one atlas, filled by one instanced draw, or a full cube for lights that emit in all directions.
-It holds triangle numbers. `lights/direct.glsl` looks them up and intersects the triangle's plane, so no depth bias
-is needed. At a silhouette it intersects the next texel's triangle exactly. The remaining error, where three
-surfaces fall into one texel, averages out because the light sample and the hemicube's roll change from set to set.
+The hemicube has five faces in one atlas, filled by one instanced draw. Lights that emit in all directions have a
+full cube. A texel holds a triangle's number. `lights/direct.glsl` looks the number up and intersects the triangle's
+plane, so no depth bias is needed. At a silhouette, the shader also intersects the triangle of the neighbouring
+texel, exactly. The remaining error, where three surfaces fall into one texel, averages out because the light sample
+and the hemicube's roll change from set to set.
 
 Cost:     five transformations of each vertex of the scene, and 3 R^2 texels.
 Poor at:  scenes in which details finer than a texel (90 degrees / R near a face's centre) cast shadows.
@@ -44,7 +45,7 @@ class HemicubeFrame:
 
 
 class HemicubeShadowBuffer(Owner):
-    """Triangles that are visible from a light sample.
+    """Buffer of the triangles that are visible from a light sample.
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ class HemicubeShadowBuffer(Owner):
     def frame(
         self, position: NDArray[np.float64], normal: NDArray[np.float64], roll: float, one_sided: bool = True
     ) -> HemicubeFrame:
-        """Return the frame of a light sample; `roll` (radians) rotates the cube about the normal."""
+        """Return the frame of a light sample at `position`; `roll` (radians) rotates the cube about the normal."""
         assert one_sided or self.defines, "a light to all sides takes a full cube"
         tangent, bitangent = frame_about(normal, roll)
         radius = float(np.linalg.norm(position - self.scene.centre)) + self.scene.radius
@@ -124,7 +125,7 @@ class HemicubeShadowBuffer(Owner):
         """Scan convert the scene from the light sample.
 
         faces    : number of faces to draw: 1 for the top, 5 with the sides; all faces by default
-        uniforms : additional uniforms of stochastically transparent surfaces
+        uniforms : uniforms to add for stochastically transparent surfaces
         """
         count = faces or (6 if self.defines else 5)
         given = {**self.scene.uniforms, **frame.uniforms, **(uniforms or {})}
@@ -135,13 +136,13 @@ class HemicubeShadowBuffer(Owner):
             self._streamed.run(given, seen, faces=of_faces)
 
     def _sees(self, frame: HemicubeFrame, face: int) -> NDArray[np.bool_]:
-        """Return (N,) bool: True for chunks that may be visible from a face."""
+        """Return (N,) bool: True for chunks of streamed triangles that may be visible from a face."""
         stream = self.scene.stream
         assert stream is not None, "who streams"
         t, b, n = frame.axes
         axis = (n, t, -t, b, -b, -n)[face]
         sides = [side for side in (t, b, n) if abs(side @ axis) < 0.5]
-        # One degree beyond the face's quarter of the circle, for the rounding of the device.
+        # About one degree wider than the face's 90 degrees, because the device rounds.
         normals = [axis, *(1.02 * axis + sign * side for side in sides for sign in (1.0, -1.0))]
         if frame.one_sided:
             normals.append(n)

@@ -28,8 +28,8 @@ Int64 = NDArray[np.int64]
 
 #: Padding of a bound, radians: more than the error of the shader's angles (angles.glsl) and of its rays.
 MARGIN = 1e-5
-#: Number of cells from which a rectangle is divided into bands. Drawing a rectangle costs as much as some hundred
-#: rays.
+#: Minimum number of cells of a rectangle that is divided into bands. Smaller rectangles stay whole, because drawing
+#: a rectangle costs as much as some hundred rays.
 _LARGE = 1500
 #: Approximate number of cells in a band.
 _BAND_CELLS = 300
@@ -39,12 +39,10 @@ TINY = 1e-300
 
 
 class CellRectangles(NamedTuple):
-    """Rectangles of cells, each for one primitive on one face; none is empty, and none crosses an edge.
+    """Rectangles of cells, each for one primitive on one face; none is empty, and none crosses an edge of its face.
 
-    primitive : (N,) int64, number within its kind
-    face      : (N,) int64, 0 for the sphere
-    first     : (N, 2) int64, column and row of the first cell
-    last      : (N, 2) int64, column and row of the last cell, inclusive
+    primitive : (N,) int64, index among the primitives of the same kind
+    face      : (N,) int64; 0 for a sphere-buffer
     """
 
     primitive: Int64
@@ -54,7 +52,7 @@ class CellRectangles(NamedTuple):
 
     @property
     def cells(self) -> int:
-        """Number of all cells, which is the number of rays."""
+        """Number of cells in all rectangles together, which is the number of rays."""
         width, height = (self.last - self.first + 1).T
         return int(np.dot(width, height))
 
@@ -78,12 +76,12 @@ class Spheres(NamedTuple):
 
 
 def spheres_around(world_from_unit: Float64) -> Spheres:
-    """Return the bounding spheres of spheres and ellipsoids (S, 3, 4), which do not depend on the light."""
+    """Return the bounding spheres of spheres and ellipsoids (S, 3, 4); they are the same for all lights."""
     return Spheres(world_from_unit[:, :, 3], _longest_radius(world_from_unit[:, :, :3]))
 
 
 def sphere_caps(spheres: Spheres, light: Float64) -> Caps:
-    """Return the caps that spheres cover from `light` (3,)."""
+    """Return the caps that spheres cover, seen from `light` (3,)."""
     caps = Caps(np.empty((len(spheres.radius), 3)), np.empty(len(spheres.radius)))
     _caps(spheres.centre, spheres.radius, light, caps.axis, caps.angle)
     return caps
@@ -91,7 +89,7 @@ def sphere_caps(spheres: Spheres, light: Float64) -> Caps:
 
 @kernel
 def _caps(centre: Float64, radius: Float64, light: Float64, axis: Float64, angle: Float64) -> None:
-    """Fill axis (S, 3) and angle (S,)."""
+    """Compute the caps that spheres cover into axis (S, 3) and angle (S,), see `sphere_caps`."""
     for i in range(len(radius)):
         x, y, z = centre[i, 0] - light[0], centre[i, 1] - light[1], centre[i, 2] - light[2]
         distance = np.sqrt(x * x + y * y + z * z)
@@ -104,7 +102,8 @@ def _longest_radius(axes: Float64) -> Float64:
     """Return (S,) maximum radii of ellipsoids whose half axes are the columns of (S, 3, 3)."""
     products = axes.transpose(0, 2, 1) @ axes
     square = products[:, 0, 0]
-    # The columns of a round one are perpendicular and equally long; a decomposition takes far longer.
+    # Round spheres, whose columns are perpendicular and equally long, avoid the decomposition, which takes far
+    # longer.
     difference = np.abs(products - square[:, None, None] * np.eye(3)).max(axis=(1, 2), initial=0.0)
     uneven = difference > 1e-12 * square
     radius = np.sqrt(square) * (1.0 + 1e-12)
@@ -114,7 +113,7 @@ def _longest_radius(axes: Float64) -> Float64:
 
 
 def cells_between(low: Float64, high: Float64) -> tuple[Int64, Int64]:
-    """Return the range of cells whose centres lie in [low, high], in cells; last < first for an empty range."""
+    """Return the first and last cell whose centres lie in [low, high], in units of cells; last < first for none."""
     return np.ceil(low - 0.5).astype(np.int64), np.floor(high - 0.5).astype(np.int64)
 
 
@@ -136,10 +135,10 @@ def without_empty(primitive: Int64, face: Int64, first: Int64, last: Int64) -> C
 def in_bands(
     whole: CellRectangles, span: Callable[[Int64, Int64, Int64], tuple[Float64, Float64]]
 ) -> CellRectangles:
-    """Divide large rectangles into bands of rows, each as wide as its object in those rows.
+    """Divide large rectangles into bands of rows, each band only as wide as its object in those rows.
 
-    span : function of (N,) indices of rectangles, their faces and rows, which returns the first and last column as
-           real numbers
+    span : function that takes (N,) indices of rectangles, their faces, and rows. It returns the first and last
+           column that the object covers in each row, as real numbers
     """
     height = whole.last[:, 1] - whole.first[:, 1] + 1
     cells = height * (whole.last[:, 0] - whole.first[:, 0] + 1)
@@ -171,8 +170,8 @@ def in_bands(
 def edge_planes(d: Float64) -> Float64:
     """Return (T, 3, 3) unit normals of the planes through the light and each edge of triangles (T, 3, 3).
 
-    Directions inside have positive products with all three. The normals are zero if the light is in the triangle's
-    plane.
+    Directions inside a triangle have positive dot products with all three of its normals. The normals are zero if
+    the light is in the triangle's plane.
     """
     d = d / np.maximum(np.linalg.norm(d, axis=2, keepdims=True), TINY)
     normal = np.cross(d, np.roll(d, -1, axis=1))
@@ -185,7 +184,7 @@ def edge_planes(d: Float64) -> Float64:
 def towards(world_from_plane: Float64, light: Float64) -> Float64:
     """Return (P, 3) unit normals of planes (P, 3, 4), pointing away from a light (3,).
 
-    Directions that hit the plane are less than a right angle from its normal.
+    A direction hits the plane if it is less than a right angle from the plane's normal.
     """
     normal = world_from_plane[:, :, 2]
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
@@ -194,7 +193,7 @@ def towards(world_from_plane: Float64, light: Float64) -> Float64:
 
 
 def rectangles_of_rows(face: int, primitive: int, first: Int64, last: Int64) -> CellRectangles:
-    """Return rectangles from the first and last columns (rows,) of every row; equal neighbours are merged."""
+    """Return a primitive's rectangles from the first and last column of each row (rows,), merging equal rows."""
     starts = np.flatnonzero(np.concatenate([[True], (np.diff(first) != 0) | (np.diff(last) != 0)]))
     ends = np.concatenate([starts[1:], [len(first)]]) - 1
     low = np.stack([first[starts], starts], axis=1)

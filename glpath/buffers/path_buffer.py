@@ -10,8 +10,8 @@ Differences from the paper:
   result equals that of a ray caster for any buffer size: no acne, no seams, no leaks at edges.
 - *Both hemispheres.* A ray may look along the direction or against it; one scan serves both.
 - *Small triangles.* If triangles touch few cells each, a compute shader scans them, see `gl.small_triangles`.
-- *Four rays a cell.* Rays in the same cell use further layers, the channels of a texel. Additional rays lose the
-  collision, without bias: the four survivors represent all rays of the cell [PB appendix B].
+- *Four rays a cell.* Up to four rays of one cell use its four layers, the channels of a texel. Further rays are
+lost by collision, without bias: the four survivors represent all rays of the cell [PB appendix B].
 
 Cost:     one draw of the scene per direction for any number of origins; a few passes over origins and cells.
 Poor at:  few origins in a large scene; origins that crowd into few cells.
@@ -40,12 +40,12 @@ from glpath.gl.small_triangles import SmallTriangles, TriangleList, empty_words
 from glpath.gl.uniforms import vectors
 
 MAX_PATHS = 1 << NUMBER_BITS
-#: Maximum bits of a triangle number that shares a float with the depth, which gets the remaining bits. With more,
-#: depth would have too few levels, so the scene is scanned twice.
+#: Maximum bits of a triangle number that is packed with the depth into one 32-bit float. With more bits, the depth
+#: would have too few levels; a first scan then finds the depth and a second the number.
 MAX_PACKED_BITS = 17
-# Possible numbers of bits for a triangle's number.
+# Bits for a triangle's number: the smallest sufficient value is taken.
 _ID_BITS = (8, 11, 14, 15, 16, MAX_PACKED_BITS)
-#: Maximum cells per triangle for the compute shader: most triangles then touch few cells.
+#: Maximum cells per triangle for a compute shader to scan small triangles. Most triangles then touch few cells.
 SPLIT_CELLS = 16
 _EPOCHS = (1 << 32 - NUMBER_BITS) - 1
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
@@ -56,8 +56,8 @@ class ScanView:
     """Views of one scan.
 
     directions : one or two (3,) unit directions, for paths with sign +1; at most as many as the buffer has views
-    jitter    : (2,) in [0, 1), offset of the grid, in cells
-    seed      : seed that decides the collisions in a crowded cell
+    jitter    : (2,) in [0, 1), offset of the grid of cells, in cells
+    seed      : seed that selects which rays survive in a crowded cell
     """
 
     directions: tuple[NDArray[np.float64], ...]
@@ -67,9 +67,9 @@ class ScanView:
 
 @dataclass(frozen=True)
 class Scan:
-    """Scan: input of `scan_scene` and of the passes that read its result.
+    """Prepared scan: input of `scan_scene` and of the passes that read the scan's result.
 
-    frames   : axes u and v of the cells of each view, two of (3,)
+    frames   : for each view, the unit axes u and v, each (3,), along its columns and rows
     uniforms : uniforms of shaders that include path_view.glsl, ray_record.glsl or path_result.glsl
     """
 
@@ -103,11 +103,11 @@ class Cells(NamedTuple):
 
 
 class _Stage(NamedTuple):
-    """Passes of a scan of the scene.
+    """Passes that scan the scene once.
 
-    small    : pass that scans the small triangles and lists the others; None if there are few
-    drawn    : draw of the listed triangles, or of all
-    streamed : pass for the streamed triangles, which follow
+    small    : pass that scans the small triangles and lists the others; None if few triangles are small
+    drawn    : draw of the listed triangles, or of all if there is no list
+    streamed : pass for the streamed triangles, run after the others
     """
 
     small: SmallTriangles | None
@@ -126,9 +126,9 @@ class PathBuffer(Owner):
     cells : (columns, rows) of each view; by default, all views together have as many cells as paths
     views : 1, or 2: a scan may then have two directions, and each path takes one of them
     records : table for the streamed triangles that paths hit, see `GeometryStream.records`
-    skips_near : True if paths ignore simplified shapes (`DeviceScene`, deviations) nearer than their deviation
-                 times `skipped_share` of `scan_scene`
-    occlusion : True if scans find only whether anything is hit
+    skips_near : True if a path ignores hits of simplified shapes (`DeviceScene`, deviations) near its start: nearer
+                 than `skipped_share` of `scan_scene` times the shape's deviation
+    occlusion : True if scans find only whether a ray hits anything
 
     `cast` is the simple interface, from arrays to arrays. A caller with path states on the device calls
     `scan_positions` and `scan_scene`. It reads the result in its own shader that includes `path_result.glsl`, with
@@ -163,8 +163,8 @@ class PathBuffer(Owner):
         self._stream = scene.stream
         triangles = scene.triangle_count + (self._stream.count if self._stream is not None else 0)
         bits = (triangles - 1).bit_length()
-        # In steps, so that most small scenes share their programs, whose compilation takes longer than their
-        # execution.
+        # The number of bits is rounded up in steps, so that most small scenes share their programs. Compiling a
+        # program takes longer than running it.
         self.id_bits = next((step for step in _ID_BITS if step >= bits), bits)
         self.occlusion = occlusion
         self.packed = self.id_bits <= MAX_PACKED_BITS and not occlusion
@@ -174,7 +174,8 @@ class PathBuffer(Owner):
         if occlusion:
             self.defines["OCCLUSION"] = 1
         elif self.packed:
-            # The largest word stays below NOTHING_FOUND; 64 levels are reserved for the rounding of the product.
+            # The largest word stays below NOTHING_FOUND. 64 levels stay unused, because the shader's product may
+            # round up.
             self.defines |= {
                 "PACKED": 1,
                 "ID_BITS": self.id_bits,
@@ -188,7 +189,7 @@ class PathBuffer(Owner):
         self._z0 = self._texture(cells, "f4")
         self._position = self._texture(cells, "u4")
         self._found = self._texture(cells, "f4")
-        # Wide, because llvmpipe distributes work in tiles of 64 x 64 texels.
+        # The grid is wide and low, because llvmpipe distributes work to its threads in tiles of 64 x 64 texels.
         self._grid_size = (min(128, paths[0]), min(8, paths[1]))
         self._grids = [self._texture(self._grid_size, "f4") for _ in range(views)]
         self._bounds = self._texture((views, 1), "f4")
@@ -328,7 +329,7 @@ class PathBuffer(Owner):
         assert 1 <= views <= self.views, f"{views} directions for {self.views} views"
         frames = tuple(tight_frame(d, self.scene.box) for d in view.directions)
         if self._epoch == 0:
-            # Heads of other epochs are ignored; after the last epoch, the heads are cleared.
+            # Cell heads of other epochs are ignored, so they need to be cleared only after the last epoch.
             self._epoch = _EPOCHS
             self._heads.write(bytes(4 * self.cells[0] * self.cells[1]))
         self._epoch -= 1
@@ -353,7 +354,7 @@ class PathBuffer(Owner):
         return float(self.cells[0] // views), float(self.cells[1])
 
     def scan_positions(self, position: moderngl.Texture, view: ScanView) -> Scan:
-        """Compute z0 of every live path: ScanConvertPositions [PB table 4].
+        """Compute z0 of every live path, the depth where its ray starts: ScanConvertPositions [PB table 4].
 
         position : RGBA32F of `paths` texels: world space position; w is the direction code, see direction_code.glsl
         """
@@ -377,7 +378,7 @@ class PathBuffer(Owner):
     def scan_scene(self, scan: Scan, skipped_share: float = 0.0) -> None:
         """Find the nearest surface beyond z0 of each path: ScanConvertScene [PB table 5].
 
-        skipped_share : see `skips_near`
+        skipped_share : factor of a shape's deviation, see `skips_near` of `PathBuffer`
         """
         uniforms = scan.uniforms | {"skipped_share": skipped_share}
         views = len(scan.frames)
@@ -390,7 +391,7 @@ class PathBuffer(Owner):
                 stage.streamed.run(uniforms, seen, instances=views)
 
     def _chunks_in_view(self, scan: Scan) -> NDArray[np.bool_]:
-        """Return (N,) bool: True for chunks in front of or behind any cell of the views, plus a cell of margin."""
+        """Return (N,) bool: True for chunks that rays of any view may hit, with a margin of one cell."""
         assert self._stream is not None, "who streams"
         cells = np.array(self._view_cells(len(scan.frames)))
         bounds = np.frombuffer(self._bounds.read(), np.float32).reshape(self.views, 4).astype(np.float64)
@@ -415,8 +416,8 @@ class PathBuffer(Owner):
         direction : (3,), need not be unit
         sign      : (N,) +1 to look along the direction (default), -1 against it
 
-        A surface nearer than about 2e-6 of the scene's diameter counts as the start surface of the ray. A steep
-        surface does so if it is nearer than its depth over 1e-4 of a cell.
+        A surface nearer than about 2e-6 of the scene's diameter counts as the surface where the ray starts. For a
+        steep surface, this distance grows by the depth that the surface spans over 1e-4 of a cell.
 
         Example
         -------
@@ -446,7 +447,7 @@ class PathBuffer(Owner):
         return Hits(triangle, t)
 
     def blocked(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> NDArray[np.bool_]:
-        """Return (N,) bool: True if any surface lies beyond the origin; like `cast`, but with `occlusion`."""
+        """Return (N,) bool: True if any surface lies beyond the origin. It replaces `cast` with `occlusion`."""
         if not self.occlusion:
             raise UsageError(
                 "path-buffer: blocked is of a buffer that finds only whether anything is hit",
@@ -457,7 +458,7 @@ class PathBuffer(Owner):
     def _answers(
         self, start: NDArray[np.float64], d: NDArray[np.float64], sign: NDArray[np.float64]
     ) -> NDArray[np.int32]:
-        """Return (N,) the triangle of each ray, 0 for any hit with `occlusion`, or PATH_MISSED.
+        """Return (N,) int32: each ray's triangle, PATH_MISSED for a miss; with `occlusion`, 0 for any hit.
 
         Rays that lost a collision are scanned again.
         """
@@ -561,7 +562,7 @@ class PathBuffer(Owner):
 
 
 def _depth_of_level(level: NDArray[np.uint32], levels: int) -> NDArray[np.float32]:
-    """Return depth in scene diameters, the inverse of scan_word.glsl."""
+    """Return the depth, in scene diameters, of levels encoded as in scan_word.glsl."""
     first, last = np.array([DEPTH_BASE, 1.0 + DEPTH_BASE], np.float32).view(np.uint32).astype(np.int64)
     bits = first + (level.astype(np.float64) + 0.5) * ((last - first) / levels)
     depth: NDArray[np.float32] = bits.astype(np.uint32).view(np.float32) - np.float32(DEPTH_BASE)

@@ -45,18 +45,18 @@ from glpath.gl.passes import Pass, largest_point
 from glpath.gl.program import load_program
 from glpath.scene.model import Float64
 
-#: Kinds of primitives in the order of their numbers, see `DeviceScene`.
+#: Kinds of primitives, in the order in which `DeviceScene` numbers the primitives.
 KINDS = ("sphere", "ellipsoid", "triangle", "plane")
 _RECTANGLES_WIDTH = 4096
-#: Maximum width and height in cells of rectangles that are drawn as points, if the device has such points.
+#: Maximum width and height, in cells, of rectangles drawn as points; less if the device's largest point is smaller.
 _POINT = 8
-#: Number of streamed triangles that are bounded at once, because each takes a kilobyte meanwhile.
+#: Maximum number of streamed triangles bounded at the same time, because each needs a kilobyte of memory for that.
 _TRIANGLES = 4096
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 
 class Entries(NamedTuple):
-    """Hits of the rays of a buffer's cells.
+    """Contents of a buffer: the hit of each cell's ray.
 
     primitive : (faces, rows, columns) int32, number of the primitive, -1 for none
     t         : (faces, rows, columns) float32, distance from the light, inf for none
@@ -67,7 +67,7 @@ class Entries(NamedTuple):
 
 
 class PointShadowBuffer(Owner, ABC):
-    """Depths from punctual lights in every direction; see `SphereShadowBuffer` and `CubeShadowBuffer`.
+    """Nearest hits around punctual lights, in every direction; see `SphereShadowBuffer` and `CubeShadowBuffer`.
 
     All lights share one texture, with a tile for each, so that a shader can loop over them.
 
@@ -81,9 +81,10 @@ class PointShadowBuffer(Owner, ABC):
 
     Attributes
     ----------
-    objects            : may be replaced, for example after objects moved; then all lights must be filled again
+    objects            : scene that casts shadows; it may be replaced, for example after objects moved, and then all
+                         lights must be filled again
     textures           : textures for a program that includes point_shadow.glsl
-    intersection_tests : number of tests of all fills so far
+    intersection_tests : number of intersection tests of all fills so far
     """
 
     shape = ""
@@ -128,17 +129,17 @@ class PointShadowBuffer(Owner, ABC):
         self._keys: list[tuple[object, ...] | None] = [None] * lights
         self._spheres: tuple[str, Spheres] | None = None  # digest of the geometry, and its bounding spheres
         self.intersection_tests = 0
-        self._passes: list[Pass] = []  # for each kind: one for rectangles, one for points
+        self._passes: list[Pass] = []  # two for each of KINDS: one draws rectangles, one draws points
         self._defines: dict[str, object] = {"SHADOW_CUBE": 1} if self.shape == "cube" else {}
         for kind in KINDS:
             self._passes += self._pair(kind, target, objects.defines)
         self._passes[0].clear = (0.0, 0.0, 0.0, 0.0)
-        self._of_chunks: list[Pass] = []  # for streamed triangles
+        self._of_chunks: list[Pass] = []  # the same two passes, for streamed triangles
         if objects.stream is not None:
             self._of_chunks = self._pair("triangle", target, of_chunks(objects.defines))
 
     def _pair(self, kind: str, target: moderngl.Framebuffer, defines: Mapping[str, object]) -> list[Pass]:
-        """Return the two passes of a kind, for rectangles and points. defines: those of the scene."""
+        """Return the two passes of a kind: one draws rectangles, one points. `defines` are those of the scene."""
         program = load_program(
             self.gl,
             vertex="shadow/point_shadow_fill.vert",
@@ -176,7 +177,7 @@ class PointShadowBuffer(Owner, ABC):
     def _of_planes(self, planes: Float64, light: Float64) -> CellRectangles: ...
 
     def _rectangles(self, light: Float64) -> list[CellRectangles]:
-        """Return the cells in which primitives of each kind can be visible from a light (3,)."""
+        """Return, for each of KINDS, the cells in which its primitives can be visible from a light (3,)."""
         scene, numbers = self.objects.scene, self.objects.numbering
         if self._spheres is None or self._spheres[0] != self.objects.geometry_digest:
             self._spheres = self.objects.geometry_digest, spheres_around(scene.spheres[numbers.spheres])
@@ -198,7 +199,7 @@ class PointShadowBuffer(Owner, ABC):
         return texture
 
     def key(self, light: int = 0) -> tuple[object, ...] | None:
-        """Return the key of the contents of a light's buffer; None before the first fill."""
+        """Return a key of what a light's buffer was filled with; None before the first fill."""
         return self._keys[light]
 
     def forget(self) -> None:
@@ -214,7 +215,7 @@ class PointShadowBuffer(Owner, ABC):
         key = (*at.tolist(), self.objects.geometry_digest)
         if self._keys[light] == key:
             return False
-        # Rays start at the light's position on the device.
+        # The device has the position in 32 bits, so the bounds must start at the rounded position.
         at = at.astype(np.float32).astype(np.float64)
         column, row = light % self._across, light // self._across
         self._positions.write(np.array([*at, 0.0], np.float32).tobytes(), viewport=(column, row, 1, 1))
@@ -244,7 +245,7 @@ class PointShadowBuffer(Owner, ABC):
         textures: Mapping[str, moderngl.Texture],
         uniforms: Mapping[str, object],
     ) -> None:
-        """Shoot at primitives in the cells in which they can be visible. first: number of the first primitive."""
+        """Intersect primitives with the rays of the cells found for them. first: number of the first primitive."""
         self.intersection_tests += found.cells
         rows = np.empty((len(found.primitive), 4), np.uint32)
         rows[:, 0] = found.first[:, 0] | found.first[:, 1] << 16
@@ -260,7 +261,7 @@ class PointShadowBuffer(Owner, ABC):
                 stage.run({**uniforms, "as_points": stage.points})
 
     def _shoot_at_chunks(self, light: Float64, uniforms: Mapping[str, object]) -> None:
-        """Shoot at all streamed triangles, chunk after chunk [TB VI], because a light covers all directions."""
+        """Intersect all streamed triangles, chunk after chunk [TB VI], because a light covers all directions."""
         stream = self.objects.stream
         if stream is None:
             return
@@ -316,7 +317,7 @@ class PointShadowBuffer(Owner, ABC):
         test: ShadowTest = "distance",
         taps: int = 1,
     ) -> NDArray[np.float32]:
-        """Return the fraction of a light that reaches points on surfaces, from arrays to arrays.
+        """Return the fraction of a light that reaches each point on a surface, from arrays to arrays.
 
         positions : (N, 3) world space
         normals   : (N, 3) unit, on either side
@@ -372,8 +373,8 @@ class SphereShadowBuffer(PointShadowBuffer):
 class CubeShadowBuffer(PointShadowBuffer):
     """Shadow-buffer of six faces about the light, side x side entries each, along the world's axes.
 
-    Cells are equal steps of angle across a face, so all have about the same size; the sphere's cells do so only
-    around its equator. It needs 3/4 of the cells for the same maximum cell size.
+    Cells are equally spaced in angle across a face, so all have about the same size. Cells of `SphereShadowBuffer`
+    have this size only near its equator. A cube needs 3/4 of a sphere's cells for the same maximum cell size.
     """
 
     shape = "cube"

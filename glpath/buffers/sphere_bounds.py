@@ -1,4 +1,4 @@
-"""Cells of a sphere-buffer as rectangles of latitude and longitude; see `light_bounds`."""
+"""Bounds of objects in a sphere-buffer, as rectangles of cells in latitude and longitude; see `light_bounds`."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ def _ranges_to_cells(
     primitive: Int64,
     cells: Int64,
 ) -> int:
-    """Fill the primitive and the cells of each nonempty range of angles; return the number of ranges.
+    """Compute the primitive and the cells of each range of angles that is not empty; return the number of ranges.
 
-    Cells are the first column and row and the last column and row. Longitudes may be up to a turn wide and
-    anywhere; a range over the seam is split, with its second part last. Arrays are primitive (2 N,) and cells (2 N,
-    4).
+    A row of `cells` is the first column, first row, last column and last row. Longitudes may have any values and
+    span up to 2 pi. A range across the seam is split in two; the second parts of all ranges come last. Arrays are
+    primitive (2 N,) and cells (2 N, 4).
     """
     count = len(south)
     found = 0
     for part in range(2):
         for i in range(count):
-            # Towards the poles, a margin of longitude is wider than one of latitude.
+            # The nearer a pole, the wider is a margin in longitude for the same angle between directions.
             nearest_pole = min(max(abs(south[i]), abs(north[i])), np.pi / 2)
             margin = MARGIN / max(np.cos(nearest_pole), MARGIN)
             row_first = max(int(np.ceil(((south[i] - MARGIN) / np.pi + 0.5) * rows - 0.5)), 0)
@@ -53,7 +53,7 @@ def _ranges_to_cells(
             else:
                 first = int(np.ceil((west[i] - margin) / (2 * np.pi) * columns - 0.5))
                 last = int(np.floor((east[i] + margin) / (2 * np.pi) * columns - 0.5))
-                turn = first // columns * columns  # the first column lies within the first turn
+                turn = first // columns * columns  # moves the first column into the first full circle
                 first, last = first - turn, min(last - turn, first - turn + columns - 1)
             if part == 0:
                 last = min(last, columns - 1)
@@ -79,7 +79,7 @@ def _latitude_longitude(
 
 @kernel
 def _cap_ranges(axis: Float64, angle: Float64, latitude: Float64, middle: Float64, half: Float64) -> None:
-    """Fill the latitude and longitude of each cap's axis, and half of its range of longitudes."""
+    """Compute the latitude and longitude of each cap's axis, and half of the cap's range of longitudes."""
     for i in range(len(angle)):
         x, y, z = axis[i, 0], axis[i, 1], axis[i, 2]
         level = np.sqrt(x * x + y * y)
@@ -92,7 +92,7 @@ def _cap_ranges(axis: Float64, angle: Float64, latitude: Float64, middle: Float6
 
 
 def sphere_rectangles_of_caps(caps: Caps, rows: int, columns: int) -> CellRectangles:
-    """Return the cells of a sphere-buffer whose rays lie in each cap."""
+    """Return, for each cap, the cells of a sphere-buffer whose rays lie in the cap."""
     axis, angle = caps
     latitude, middle, half = (np.empty(len(angle)) for _ in range(3))
     _cap_ranges(axis, angle, latitude, middle, half)
@@ -101,19 +101,20 @@ def sphere_rectangles_of_caps(caps: Caps, rows: int, columns: int) -> CellRectan
     rectangles = _latitude_longitude((south, north), (middle - half, middle + half), rows, columns)
 
     def span(which: Int64, _face: Int64, row: Int64) -> tuple[Float64, Float64]:
-        """Return the first and last column inside the cap, along a row.
+        """Return the first and last column of a row whose rays lie in the cap.
 
-        A column is inside if the cosine of its longitude minus the cap's is large enough.
+        A column is inside if the cosine of the angle between its longitude and that of the cap's axis is large
+        enough.
         """
         i = rectangles.primitive[which]
         theta = ((row + 0.5) / rows - 0.5) * np.pi
-        # The margin is one of angle; for a small sine, the cosine changes by its square.
+        # The cap's angle grows by MARGIN, so its cosine falls by MARGIN times the sine; MARGIN² covers small sines.
         min_cosine = np.cos(angle[i]) - MARGIN * np.sin(angle[i]) - MARGIN**2 - np.sin(theta) * np.sin(latitude[i])
         width = np.arccos(np.clip(min_cosine / np.maximum(np.cos(theta) * np.cos(latitude[i]), TINY), -1.0, 1.0))
         width = np.where(angle[i] < np.pi / 2, width + MARGIN, np.inf)
         range_middle = (rectangles.first[which, 0] + rectangles.last[which, 0] + 1) * np.pi / columns
         at = middle[i] + 2 * np.pi * np.round((range_middle - middle[i]) / (2 * np.pi))
-        # If the range overlaps the arc at both its ends, all of the range is kept.
+        # If the cap's arc of columns overlaps the rectangle's range at both ends, the whole range is kept.
         extent = (rectangles.last[which, 0] - rectangles.first[which, 0] + 1) * np.pi / columns
         width = np.where(np.abs(at - range_middle) + width + extent < 2 * np.pi, width, np.inf)
         return (at - width) / (2 * np.pi) * columns - 0.5, (at + width) / (2 * np.pi) * columns - 0.5
@@ -122,7 +123,7 @@ def sphere_rectangles_of_caps(caps: Caps, rows: int, columns: int) -> CellRectan
 
 
 def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int, columns: int) -> CellRectangles:
-    """Return the cells of a sphere-buffer whose rays can hit each triangle of (T, 3, 3)."""
+    """Return, for each triangle of (T, 3, 3), the cells of a sphere-buffer whose rays can hit it."""
     if not len(triangles):
         return NOTHING
     d = triangles - light
@@ -146,8 +147,8 @@ def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int
     north = np.maximum(north, np.where((from_here > slack) & (from_next > slack), top, -np.pi / 2).max(axis=1))
     south = np.minimum(south, np.where((from_here < -slack) & (from_next < -slack), -top, np.pi / 2).min(axis=1))
 
-    # Longitudes change monotonically along an arc, by less than half a turn. Around the triangle they return to the
-    # start, unless a pole is inside.
+    # Longitudes change monotonically along an edge's arc, by less than half a circle. The changes along the three
+    # arcs add up to 0, unless a pole is inside the triangle.
     phi = np.arctan2(d[:, :, 1], d[:, :, 0])
     step = np.roll(phi, -1, axis=1) - phi
     step -= 2 * np.pi * np.round(step / (2 * np.pi))
@@ -160,7 +161,7 @@ def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int
     volume = np.einsum("ij,ij->i", normal[:, 0], d[:, 2])
     unsure |= around & (np.abs(volume) < 1e-12)
     whole = around | unsure
-    # A pole inside is on the same side of all three arcs as the triangle.
+    # A pole in the triangle is on the inner side of all three arcs; `up` is True for the north pole.
     up = normal[:, :, 2].sum(axis=1) * volume > 0
     north = np.where((around & up) | unsure, np.pi / 2, north)
     south = np.where((around & ~up) | unsure, -np.pi / 2, south)
@@ -169,9 +170,10 @@ def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int
     planes = edge_planes(triangles - light)
 
     def span(which: Int64, _face: Int64, row: Int64) -> tuple[Float64, Float64]:
-        """Return the first and last column inside the triangle, along a row.
+        """Return the first and last column of a row whose rays lie in the triangle.
 
-        Each edge's plane gives an arc of the row. An arc that overlaps the range at both ends is ignored.
+        The inner side of each edge's plane is an arc of columns. An arc that overlaps the range at both ends is
+        ignored.
         """
         low = (rectangles.first[which, 0] + 0.5) / columns * 2 * np.pi
         high = (rectangles.last[which, 0] + 0.5) / columns * 2 * np.pi
@@ -195,11 +197,11 @@ def sphere_rectangles_of_triangles(triangles: Float64, light: Float64, rows: int
 def sphere_rectangles_of_planes(
     world_from_plane: Float64, light: Float64, rows: int, columns: int
 ) -> CellRectangles:
-    """Return the cells of a sphere-buffer whose rays hit each plane of (P, 3, 4)."""
+    """Return, for each infinite plane of (P, 3, 4), the cells of a sphere-buffer whose rays hit it."""
     parts = [NOTHING]
     theta = ((np.arange(rows) + 0.5) / rows - 0.5) * np.pi
     for index, n in enumerate(towards(world_from_plane, light)):
-        # cos(theta) |n.xy| cos(phi - middle) + sin(theta) n.z > 0
+        # A ray hits the plane if cos(theta) |n.xy| cos(phi - middle) + sin(theta) n.z > 0.
         across = np.maximum(np.cos(theta) * np.hypot(n[0], n[1]), TINY)
         half = np.arccos(np.clip(-(np.sin(theta) * n[2] + MARGIN) / across, -1.0, 1.0))
         middle = np.arctan2(n[1], n[0])

@@ -42,16 +42,19 @@ from glpath.scene.model import Camera
 Uniforms = Mapping[str, object]
 
 
-# Number of primitives from which the compute shader takes the small ones; it costs a few passes over all pixels.
+# Minimum number of primitives for a separate method for small ones: its compute shader takes a few passes over all
+# pixels.
 SPLIT_FROM = 32768
 
 _GROUP = 64  # group size of t_buffer_small.comp
-_WIDEST = 1 << 15  # groups across, below every device's limit
-# Maximum point size in pixels. Larger points would test more pixels only to discard them.
+_WIDEST = 1 << 15  # maximum number of groups in x, below every device's limit
+# Maximum side in pixels of the points that spheres are drawn as. Larger points would test more pixels in vain.
 _SQUARE = 32
-# Minimum point size in pixels. On a device whose points are smaller, rectangles cost less.
+# Spheres are drawn as points if the device's largest point has at least this many pixels across. With smaller
+# points, rectangles cost less.
 _SMALLEST_SQUARE = 8
-# GLSL constants for the reliability of a small primitive's number in its pixel; smaller values are more reliable.
+# GLSL constants. The upper bits of a pixel's word show how reliably a small primitive is its nearest; less is
+# better.
 _SURENESS = """
 #define GROUP {group}
 const uint NUMBER = 0x3fffffffu;
@@ -60,7 +63,7 @@ const uint NEARLY_EXACT = 0x40000000u;  // as nearly as programs agree
 const uint HIT = 0x80000000u;           // the ray meets it
 const uint NOTHING = 0xffffffffu;
 """
-_SQUARES_WIDTH = 1024  # texels in a row of the table
+_SQUARES_WIDTH = 1024  # width of the table of squares, texels
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 
@@ -74,8 +77,8 @@ class EyeBuffer(Owner, ABC):
 
     Attributes
     ----------
-    texture : RG32UI, row 0 at the bottom: number of the nearest primitive + 1, 0 for none; bits of its t, scene
-              units. At equal t the lowest number wins
+    texture : RG32UI, row 0 at the bottom. The first channel is the number of the nearest primitive + 1, 0 for none;
+              the second has the bits of the primitive's t, scene units. At equal t the lowest number wins
     """
 
     def __init__(
@@ -96,7 +99,7 @@ class EyeBuffer(Owner, ABC):
         """Find the first hit of every ray; `eye` comes from `gl.camera.eye_uniforms`."""
 
     def fill_from(self, camera: Camera) -> None:
-        """Find the first hits of rays through a camera's pixel centres; its resolution is the window's size."""
+        """Find the first hits of rays through a camera's pixel centres; its resolution must be the window's."""
         if camera.resolution != self.size:
             raise UsageError(
                 f"buffer of {self.size[0]} x {self.size[1]} pixels: a camera of "
@@ -136,7 +139,7 @@ class EyeBuffer(Owner, ABC):
         compute: str = "",
         streamed: bool = False,
     ) -> Program:
-        """Load a program.
+        """Load a program, with the defines of the scene and the camera added.
 
         streamed : True if the scene's float texture holds a chunk of streamed triangles
         """
@@ -181,11 +184,11 @@ class ClassicEye(EyeBuffer):
         count, width, height = self.objects.count, *self.size
         share = max(1, passes.TESTS_PER_DRAW // (width * height))
         for begin in range(0, max(count, 1), share):
-            # In order, so that at equal t the lowest number wins.
+            # Primitives are tested in the order of their numbers, so that at equal t the lowest number wins.
             self._pass.clear = (0.0, 0.0, 0.0, 0.0) if begin == 0 else None
             self._pass.run(uniforms | {"begin": begin, "end": min(begin + share, count)})
             if share < count:
-                self.gl.finish()  # a watchdog counts all queued work as one task
+                self.gl.finish()  # otherwise the device's watchdog would count all draws as one task
 
 
 class TBuffer(EyeBuffer):
@@ -193,8 +196,8 @@ class TBuffer(EyeBuffer):
 
     Parameters
     ----------
-    split_from : number of primitives from which the compute shader takes the small ones
-    records    : table for the streamed triangles that pixels see, see `GeometryStream.records`
+    split_from : minimum number of primitives for which a compute shader shoots at the small ones
+    records    : table for the streamed triangles that are visible in pixels, see `GeometryStream.records`
 
     Cost:     the pixels that primitives cover, including hidden ones; about 0.1 µs a small primitive in llvmpipe.
     Poor at:  many large primitives behind each other. A primitive that crosses the plane of the eye within the view
@@ -277,8 +280,8 @@ class TBuffer(EyeBuffer):
 class _Squares:
     """Round spheres as squares of pixels, in the order of their numbers, so that at equal t the lowest wins.
 
-    The number of squares that cover a sphere is bounded here, generously. The vertex shader finds their positions,
-    and discards empty ones.
+    The number of squares that cover a sphere is overestimated here. The vertex shader computes their positions, and
+    discards empty ones.
 
     texture : RG32UI, see t_buffer.vert
     count   : number of squares
@@ -294,7 +297,8 @@ class _Squares:
         self._radii = np.linalg.norm(spheres[:, :, 0], axis=1)
         self._gl = objects.gl
         self._size = size
-        # A point is clipped by its centre; if squares are no wider than the window, each has its centre inside.
+        # A point whose centre is outside the window is not drawn. No square is wider than the window, so each has
+        # its centre inside.
         self.side = min(_SQUARE, largest_point(objects.gl), *size)
         self.count = 0
         self.texture = self._table(len(spheres))
@@ -337,11 +341,11 @@ class _Squares:
 
 
 class _LargePrimitives:
-    """Data to draw the large primitives of one kind, in the order of their numbers.
+    """Buffers for the draw of the large primitives of one kind, in the order of their numbers.
 
-    marks    : a bit for each primitive
-    elements : vertices of the marked primitives, for t_buffer.vert, which may read no storage buffer
-    command  : indirect command that draws them
+    marks    : one bit for each primitive, set if it is large
+    elements : vertex indices of the large primitives, for t_buffer.vert, which may read no storage buffer
+    command  : indirect draw command for these vertices
     """
 
     def __init__(self, gl: moderngl.Context, count: int, vertices: int) -> None:
@@ -352,10 +356,10 @@ class _LargePrimitives:
 
 
 class _SmallKind:
-    """Compute shader's part of one kind of primitives: it shoots at the small ones, and lists the others.
+    """Compute passes for one kind of primitives: they shoot at the small ones, and list the large ones.
 
     count    : maximum number of primitives
-    words    : minimum t and lowest number of all pixels
+    words    : two values for each pixel: minimum t, and lowest number among the primitives with that t
     streamed : True for triangles of a chunk, whose texture is then among `textures`
     """
 
@@ -387,13 +391,13 @@ class _SmallKind:
         )
 
     def find_min_t(self, uniforms: Uniforms, numbers: range) -> None:
-        """Find the minimum t of each pixel, and list the large primitives."""
+        """Find the minimum t of the small primitives in each pixel, and list the large primitives."""
         self._run(self._first, uniforms, numbers)
         words = -(-len(numbers) // 32)
         self._lister.run(dict(uniforms) | {"words": words, "vertices": self.large.vertices}, (1, 1))
 
     def find_number(self, uniforms: Uniforms, numbers: range) -> None:
-        """Find the lowest number among the primitives with the minimum t."""
+        """Find, in each pixel, the lowest number among the small primitives with the minimum t."""
         self._run(self._second, uniforms, numbers)
 
     def _run(self, stage: Dispatch, uniforms: Uniforms, numbers: range) -> None:
@@ -403,9 +407,9 @@ class _SmallKind:
 
 
 class _SmallPrimitives:
-    """Compute shader's part of a T-buffer.
+    """Compute passes of a T-buffer, for the small primitives of all kinds.
 
-    words : minimum t so far of all pixels, and the lowest number among the primitives with that t
+    words : two values for each pixel: minimum t so far, and lowest number among the primitives with that t
     kinds : stages for the small primitives of each kind
     """
 
@@ -431,7 +435,7 @@ class _SmallPrimitives:
         )
 
     def shoot(self, uniforms: Uniforms) -> None:
-        """Shoot at the small primitives, and list the others."""
+        """Shoot at the small primitives, and list the large ones."""
         for words in self.words:
             self._gl.copy_buffer(words, self._empty)
         for kind, numbers in self._numbers.items():
@@ -440,15 +444,15 @@ class _SmallPrimitives:
             self.kinds[kind].find_number(uniforms, numbers)
 
     def merge(self, uniforms: Uniforms) -> None:
-        """Merge the drawn and the small primitives into the buffer's texture by distance."""
+        """Write the nearer of the drawn and the small primitive of each pixel into the buffer's texture."""
         self._merge.run(uniforms)
 
 
 class _StreamedTriangles:
-    """Streamed triangles' part of a T-buffer: chunk after chunk, after all resident primitives [TB VI].
+    """Pass of a T-buffer for streamed triangles: chunk after chunk, after all resident primitives [TB VI].
 
     target  : framebuffer of the draws
-    small   : compute shader's part; None if all primitives are drawn
+    small   : compute passes for small primitives; None if all primitives are drawn
     records : table for the triangles that pixels see; None for no records
     """
 

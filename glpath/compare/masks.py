@@ -14,13 +14,13 @@ from glpath.compare.picture import BLOCK_SIDE, Noise, Picture, block_pixels, spr
 from glpath.compare.reading import read_picture
 from glpath.errors import UsageError
 
-#: Ignored parts: rectangles (x, y, width, height) in pixels, y from the top; or an image or image file, white
-#: there.
+#: Ignored parts of an image: rectangles (x, y, width, height) in pixels, y from the top; or a mask, as an image or
+#: an image file, that is white in the ignored parts.
 Ignore = Sequence[tuple[int, int, int, int]] | ArrayLike | str | Path
 
 
 def mask_of(ignore: Ignore, shape: tuple[int, ...], folder: Path | None = None) -> NDArray[np.bool_]:
-    """Return the (H, W) bool mask, True for ignored pixels, of an image of shape (H, W, ...).
+    """Return the (H, W) bool mask of an image of shape (H, W, ...): True for ignored pixels.
 
     folder : base of relative file names
 
@@ -67,7 +67,7 @@ def masked(picture: Picture, mask: NDArray[np.bool_]) -> Picture:
 
 
 def padded(picture: Picture, shape: tuple[int, int]) -> Picture:
-    """Return the image extended with black to the right and below, to (height, width), without noise and alpha."""
+    """Return the image enlarged to (height, width), black to the right and below, without noise and alpha."""
     height, width = picture.mean.shape[:2]
     more = ((0, shape[0] - height), (0, shape[1] - width), (0, 0))
     return replace(picture, mean=np.pad(picture.mean, more), noise=None, alpha=None)

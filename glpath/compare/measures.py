@@ -20,7 +20,7 @@ from glpath.film.image import luminance
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
-# Constant that limits the weight of dark pixels, for images whose white is about 1.
+# Default `epsilon`, added to the squared reference so that dark pixels do not dominate; suits a white of about 1.
 EPSILON = 0.01
 
 
@@ -82,7 +82,7 @@ def difference_image(
 
     Parameters
     ----------
-    scale : value of (image - reference) / sqrt(reference² + epsilon) with the full colour; None: the 99th
+    scale : value of (image - reference) / sqrt(reference² + epsilon) that gets the full colour; None: the 99th
             percentile of its magnitude
 
     Returns the image, (H, W, 3) uint8 sRGB, and the scale. Raises ImageError; UsageError for a scale that is not

@@ -1,4 +1,4 @@
-"""Comparison modes by name, and the default mode of an image."""
+"""Comparison modes by name, and the default mode for two images."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from glpath.errors import UsageError
 Mode = Literal["exact", "fuzzy", "stat", "flip"]
 MODES: tuple[str, ...] = get_args(Mode)
 
-# Backgrounds for images with alpha.
+# Backgrounds over which images with alpha are compared: name in messages, and sRGB value.
 _GROUNDS = {"over black": 0.0, "over white": 1.0}
 
 _COMPARISONS: dict[str, Callable[..., Verdict]] = {"exact": exact, "fuzzy": fuzzy, "stat": stat, "flip": flip}
@@ -54,7 +54,7 @@ def compare(picture: Picture, reference: Picture, mode: str | None = None, **lim
 
 
 def max_difference_pair(picture: Picture, reference: Picture) -> tuple[Picture, Picture]:
-    """Return both images, with alpha over black or white, whichever gives the larger difference.
+    """Return both images without alpha, laid over black or over white, whichever gives the larger mean difference.
 
     Raises ImageError for shapes that differ.
     """

@@ -1,9 +1,9 @@
-"""Perceived difference of two images: FLIP of NVIDIA's flip-evaluator, an optional package.
+"""Perceived difference of two images: FLIP, computed by NVIDIA's optional package flip-evaluator.
 
-Its Python interface prints to the terminal and calls sys.exit for invalid input. Both are caught here.
+The package's Python interface prints to the terminal and calls sys.exit for invalid input. Both are caught here.
 
 Source: Andersson et al. 2020, "FLIP: A Difference Evaluator for Alternating Images".
-Poor at: results that must not depend on exposure, because it compares displayed images, with the sRGB curve.
+Poor at: results that must not depend on exposure, because FLIP compares images as displayed, with the sRGB curve.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from glpath.film.image import encode_srgb
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
-#: Default limit of mean FLIP for the image.
+#: Default limit of the FLIP value (0 to 1) averaged over the whole image.
 MEAN = 0.01
-#: Default limit of mean FLIP for the worst spot of the image.
+#: Default limit of the FLIP value averaged over the worst spot of the image, see `_SPOT`.
 LOCAL = 0.1
-#: Default number of pixels per degree of view, that of a 4K screen of 70 cm seen from 70 cm.
+#: Default number of pixels per degree of view: a 4K screen 70 cm wide, seen from 70 cm.
 PPD = 67.0
 # Maximum pixels per degree; an eye resolves 60.
 _MAX_PPD = 1000
 
-# Side of a spot in degrees.
+# Side of a spot, in degrees of view. A spot is a square whose mean FLIP value has a limit of its own.
 _SPOT = 0.1
 
-# Radius in degrees that affects a pixel's value: three standard deviations of FLIP's widest filter, the contrast
-# sensitivity for blue and yellow (exp(-pi^2 r^2 / 0.04)).
+# Distance in degrees of view within which other pixels affect a pixel's FLIP value: three standard deviations of
+# FLIP's widest filter, the contrast sensitivity for blue and yellow (exp(-pi^2 r^2 / 0.04)).
 _RADIUS = 3 * math.sqrt(0.04 / (2 * math.pi**2))
 
 # FLIP's colour for no difference, the first of matplotlib's magma.
@@ -48,13 +48,13 @@ _EQUAL = (0.001462, 0.000466, 0.013866)
 def flip(
     picture: Picture, reference: Picture, *, mean: float = MEAN, local: float | None = None, ppd: float = PPD
 ) -> Verdict:
-    """Return the verdict that the mean of the FLIP map is at most `mean`, and no spot of it above `local`.
+    """Return the verdict, passed if the FLIP map's mean is at most `mean`, and that of any spot at most `local`.
 
     mean  : limit for the mean over the image; 0 is equal, 1 black against white
-    local : limit for each square of a tenth of a degree of view (7 x 7 pixels by default), so that small
-            differences in a large image are found. Default 0.1, or `mean` if that is larger. It detects 5 x 5
-            pixels that differ from their surroundings by 16 of 255 levels, and 3 x 3 that differ by 32. It passes
-            rounding, noise of 2 levels, and an edge displaced by a tenth of a pixel
+    local : limit for the mean over each square of a tenth of a degree of view (7 x 7 pixels by default), so that
+            small differences in a large image are found. Default 0.1, or `mean` if that is larger. The default
+            detects 5 x 5 pixels that differ from their surroundings by 16 of 255 levels, and 3 x 3 that differ by
+            32. It passes rounding, noise of 2 levels, and an edge displaced by a tenth of a pixel
     ppd   : pixels per degree of view; with more, fine differences are harder to see. From 1 to 1,000
 
     Raises UsageError if flip-evaluator is not installed, and for limits out of range.
@@ -119,14 +119,15 @@ def _evaluated(image: Float64, reference: Float64, ppd: float, *, colours: bool)
 
 
 def _differing(a: NDArray[np.float32], b: NDArray[np.float32], ppd: float) -> tuple[slice, slice] | None:
-    """Return the rectangle outside which FLIP is zero, extended by the range of its filters; None for equal images.
+    """Return the rectangle outside which FLIP is zero, including its filters' extent; None for equal images.
 
-    FLIP takes half a microsecond per pixel, and changes are mostly small.
+    FLIP takes half a microsecond per pixel. Most changes cover only a part of an image, so only that part is
+    evaluated.
     """
     differ = (a != b).any(axis=2)
     if not differ.any():
         return None
-    # Pixels within the radius of a differing pixel have a difference, and depend on pixels as far again.
+    # Pixels within the radius of a differing pixel have a FLIP value above 0, which depends on pixels as far again.
     margin = 2 * (math.ceil(_RADIUS * ppd) + 1)
     spans = (np.flatnonzero(differ.any(axis=1 - axis)) for axis in (0, 1))
     rows, columns = (slice(max(int(span[0]) - margin, 0), int(span[-1]) + 1 + margin) for span in spans)

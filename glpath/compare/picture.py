@@ -40,7 +40,7 @@ Float64 = NDArray[np.float64]
 #: Side of a block in pixels.
 BLOCK_SIDE = 16
 
-# Tolerance for rounding to float32, in which noise is stored, with a large margin.
+# Relative tolerance when stored noise is checked: rounding to float32, with a large margin.
 _ROUNDING = 1e-4
 
 #: Header key of images that `Film.save` has denoised.
@@ -86,7 +86,7 @@ class Picture:
     noise      : noise, or None if it is unknown: for arrays, and films of one batch
     provenance : origin of the image, name to text, as in the header of an EXR
     alpha      : (H, W) float64, opacity from 0 to 1; `mean` is not multiplied by it; None if all is opaque
-    eight_bit  : True if it was 8-bit sRGB, so that a PNG stores it without loss
+    eight_bit  : True if the image was 8-bit sRGB, so that a PNG stores it without loss
     """
 
     mean: Float64
@@ -161,7 +161,7 @@ class Picture:
 
     @property
     def bias(self) -> str:
-        """Description of the bias of the engine that made it; empty if the engine has none."""
+        """Text about the bias of the engine that made the image; empty if the engine has no bias."""
         if self.provenance.get("glpath.biased") != "true":
             return ""
         if "glpath.bias" not in self.provenance:
@@ -170,9 +170,9 @@ class Picture:
         return f"has a bias of {100 * found['mean']:.2g} %, plus or minus {100 * found['mean_error']:.2g} %"
 
     def over(self, ground: float) -> Picture:
-        """Return the image over a background, mixed in sRGB as browsers do.
+        """Return the image without alpha, laid over a grey background and mixed in sRGB as browsers do.
 
-        ground : sRGB value of the background, 0 black to 1 white
+        ground : sRGB value of the background, 0 for black to 1 for white
         """
         if self.alpha is None:
             return replace(self, eight_bit=False)
@@ -183,12 +183,12 @@ class Picture:
         )
 
     def opacity(self) -> Picture:
-        """Return its alpha as a grey image."""
+        """Return the image's alpha as a grey image; white if it has no alpha."""
         alpha = np.ones(self.mean.shape[:2]) if self.alpha is None else self.alpha
         return replace(self, mean=np.repeat(alpha[..., None], 3, axis=2), alpha=None, eight_bit=False)
 
     def save(self, path: str | Path) -> None:
-        """Write the EXR; the file appears whole or not at all. Raises ImageError."""
+        """Write the image as a baseline, an EXR; the file appears whole or not at all. Raises ImageError."""
         layers: dict[str, Float64] = {}
         header = {_FORMAT: _VERSION, **self.provenance}
         if self.noise is not None:
@@ -200,14 +200,14 @@ class Picture:
         write_exr(path, self.mean, header, layers=layers, alpha=self.alpha)
 
     def save_png(self, path: str | Path, metadata: Mapping[str, str] | None = None) -> None:
-        """Write 8-bit sRGB with alpha; the file appears whole or not at all. Raises ImageError."""
+        """Write an 8-bit sRGB PNG with alpha; the file appears whole or not at all. Raises ImageError."""
         colour = tonemap(self.mean)
         if self.alpha is not None:
             colour = np.dstack([colour, np.round(255 * self.alpha).astype(np.uint8)])
         write_png(path, colour, metadata)
 
     def save_8_bit(self, path: str | Path) -> None:
-        """Write an 8-bit image as a PNG without loss. Raises ImageError."""
+        """Write an image that was 8-bit sRGB as a PNG, without loss. Raises ImageError."""
         assert self.eight_bit
         self.save_png(path, {_FORMAT: _VERSION, **self.provenance})
 
@@ -277,12 +277,12 @@ class Picture:
 
 
 def encode_bright_srgb(linear: Float64) -> Float64:
-    """Return sRGB of linear values, whose curve continues above white."""
+    """Encode linear values as sRGB, with the curve continued above white (1) instead of clipped."""
     return encode_srgb(linear) + 1.055 * (np.maximum(linear, 1.0) ** (1 / 2.4) - 1.0)
 
 
 def glpath_texts(header: Mapping[str, Any]) -> dict[str, str]:
-    """Return glpath's texts from the header of a file."""
+    """Return the texts of a file's header whose keys begin with "glpath."."""
     return {key: value for key, value in header.items() if key.startswith("glpath.") and isinstance(value, str)}
 
 
@@ -303,7 +303,7 @@ def _layer(channels: Mapping[str, NDArray[np.float32]], prefix: str) -> Float64:
 
 
 def _over_blocks(image: Float64) -> Float64:
-    """Return the (h, w, 3) mean of (H, W, 3) over each block."""
+    """Return the (h, w, 3) means of an image (H, W, 3) over its blocks."""
     rows, columns = (np.arange(0, side, BLOCK_SIDE) for side in image.shape[:2])
     sums = np.add.reduceat(np.add.reduceat(image, rows, axis=0), columns, axis=1)
     means: Float64 = sums / block_pixels(image.shape[:2])[..., None]
@@ -311,7 +311,7 @@ def _over_blocks(image: Float64) -> Float64:
 
 
 def unusable_noise(mean: Float64, noise: Noise) -> str:
-    """Return the reason why this cannot be the noise of an image with this mean; "" if it can.
+    """Return the reason why `noise` cannot be the noise of an image with this mean; "" if it can be.
 
     Radiance is not negative. So the variance of a mean of batches is largest if a single batch has all the light.
     It is then mean² (1 - w) / w / (batches - 1), where w is that batch's fraction of the path sets. Larger values

@@ -20,19 +20,19 @@ from glpath.film.image import encode_srgb
 
 Float64 = NDArray[np.float64]
 
-#: Default allowed difference of a pixel, in 8-bit levels (0 to 255).
+#: Default allowance: difference of a pixel, in 8-bit levels (0 to 255), that passes.
 THRESHOLD = 2.0
-#: Default fraction of the local contrast by which a pixel may differ in addition.
+#: Default additional allowance at edges, as a fraction of the contrast around a pixel.
 EDGE = 0.25
-#: Default percentage of pixels that may differ by more.
+#: Default percentage of pixels that may differ by more than their allowance.
 FAILPERCENT = 0.0
 
-# Rounding error of the computation, in levels: 2 levels may become 2.0000000000000004.
+# Rounding error of the difference, in levels: 2 levels may be computed as 2.0000000000000004.
 _ROUNDING = 1e-9
 
 
 def exact(picture: Picture, reference: Picture) -> Verdict:
-    """Return the verdict that all values are equal as float32, the precision of a baseline."""
+    """Return the verdict, passed if all values are equal as float32, the precision of a baseline."""
     a, b = matching_pair(picture.mean, reference.mean)
     differ = (a.astype(np.float32) != b.astype(np.float32)).any(axis=-1)
     count = int(np.count_nonzero(differ))
@@ -61,13 +61,13 @@ def fuzzy(
     edge: float = EDGE,
     failpercent: float = FAILPERCENT,
 ) -> Verdict:
-    """Return the verdict that at most `failpercent` of the pixels differ by more than the allowance there.
+    """Return the verdict, passed if at most `failpercent` of the pixels differ by more than their allowance.
 
     threshold   : allowance in levels of 255 of an sRGB image; above white, levels continue logarithmically
     edge        : additional allowance, as a fraction of the contrast among a pixel's eight neighbours in the
                   reference. The coverage at an edge may differ by a quarter of a pixel. An edge displaced by a
-                  whole pixel is detected. There is no allowance if the allowed differences add up to more than
-                  `threshold` in the mean of the image
+                  whole pixel is detected. It does not apply if the signed differences that it allows average to
+                  more than `threshold` over the image
     failpercent : percentage of all pixels
 
     Raises UsageError for a limit below 0.
@@ -87,7 +87,7 @@ def fuzzy(
     around = (3, 3, 1)
     contrast = ndimage.maximum_filter(b, around, mode="nearest") - ndimage.minimum_filter(b, around, mode="nearest")
     forgiven = (off > threshold) & (off <= threshold + edge * contrast)
-    # Coverage differences at edges cancel; a sum that does not cancel is a texture with another brightness.
+    # Coverage differences at edges cancel in the mean. If they do not, a texture has another brightness.
     adds_up = bool(np.any(np.abs(np.where(forgiven, a - b, 0.0).mean(axis=(0, 1))) > threshold))
     beyond = (off if adds_up else off - edge * contrast).max(axis=-1)
     failing = beyond > threshold + _ROUNDING
@@ -101,7 +101,7 @@ def fuzzy(
         "worst_at": [int(x), int(y)],
         "max_difference": float(np.max(np.abs(picture.mean - reference.mean))),
     }
-    # The deciding pixel is the worst one after the pixels that may fail are left out.
+    # The verdict depends on the worst pixel that remains after the allowed number of worse pixels is left out.
     allowed = int(failpercent / 100 * beyond.size)
     deciding = 0.0 if allowed >= beyond.size else max(0.0, float(np.sort(beyond, axis=None)[::-1][allowed]))
     passed = deciding <= threshold + _ROUNDING

@@ -27,15 +27,16 @@ if TYPE_CHECKING:
 
 Float64 = NDArray[np.float64]
 
-#: Formats read by Pillow; the rest of READABLE is radiance.
+#: Suffixes of the formats read by Pillow; all other formats in READABLE contain radiance.
 _BY_PILLOW = (".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tif", ".tiff", ".webp")
 
-# Pillow's names of these and other formats that contain only pixels. Some of its formats run other programs.
+# Pillow's names of the formats it may open: these and others that contain only pixels. Some formats that it knows
+# run other programs.
 _FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TIFF", "WEBP", "PPM", "TGA")
 
 SUFFIXES = tuple(dict.fromkeys((*READABLE, *_BY_PILLOW)))
 
-# Alpha of light that hides nothing.
+# Alpha given to pixels of an EXR that add light but hide nothing behind them.
 _GLOW_ALPHA = 1e-6
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 
@@ -43,7 +44,7 @@ _EXR_MAGIC = b"\x76\x2f\x31\x01"
 def read_picture(path: str | Path) -> Picture:
     """Read the image of a file by its suffix, one of `SUFFIXES`. Raises ImageError.
 
-    A film (.npz) or a baseline (.exr) has noise, and any format may have alpha.
+    The result has noise if the file is a film (.npz) or a baseline (.exr). It may have alpha for any format.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -68,10 +69,10 @@ def read_picture(path: str | Path) -> Picture:
 
 
 def _straight(light: Float64, alpha: Float64) -> Float64:
-    """Return (H, W, 4) with colours that are not multiplied by alpha, of an EXR's, which are.
+    """Return (H, W, 4) with colours not multiplied by alpha. In an EXR, `light` is multiplied by alpha.
 
-    An EXR has light where alpha is 0, too, which is added to what is behind it, such as a flame. There alpha
-    becomes so small that nothing behind it is hidden, and the colour so bright that `Picture.over` adds this light.
+    An EXR may have light where alpha is 0, such as a flame. This light is added to the background. There alpha
+    becomes so small that it hides nothing, and the colour so bright that `Picture.over` adds this light.
     """
     glows = (alpha == 0) & (light > 0).any(axis=-1)
     colours = light / np.where(alpha > 0, alpha, 1.0)[..., None]
@@ -96,7 +97,7 @@ def is_pillow(value: object) -> bool:
 
 
 def picture_of_pillow(image: Image) -> Picture:
-    """Return the Pillow image's current frame, with palettes as colours. Raises ImageError."""
+    """Return the current frame of a Pillow image, with palette indices replaced by colours. Raises ImageError."""
     return Picture.of_array(_array_of_pillow(image, "the image"))
 
 
@@ -124,7 +125,7 @@ def _by_pillow(data: bytes, name: str) -> Picture:
 def _array_of_pillow(image: Image, name: str) -> Any:
     if image.mode == "F":
         return np.asarray(image)
-    if image.mode.startswith("I"):  # 16-bit grey, also stored as 32-bit integers
+    if image.mode.startswith("I"):  # 16-bit grey, which Pillow may hold as 32-bit integers
         values = np.asarray(image)
         if values.min() < 0 or values.max() > 65535:
             raise ImageError(f"{name}: found integers from {values.min()} to {values.max()}, expected 16 bits.")

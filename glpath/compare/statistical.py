@@ -1,9 +1,9 @@
 """Tests that two noisy images have the same expectation, based on the variance between batches.
 
 There are three scales, because each detects differences that the others miss: every pixel (a wrong pixel), every
-block of 16 x 16 (a moved object, a missing shadow) and the whole image (slightly darker overall). At each scale,
-every channel is a t-test. The level is divided among all tests by Šidák's rule, so that `alpha` is the probability
-that noise alone fails the comparison.
+block of 16 x 16 pixels (a moved object, a missing shadow) and the whole image (slightly darker overall). At each
+scale, there is a t-test for each channel. The significance level is divided among all tests by Šidák's rule, so
+that `alpha` is the probability that noise alone fails the comparison.
 
 Two renders with different random numbers are compared by Welch's test. With the same random numbers (equal seed and
 path sets), blocks and the whole image are compared batch by batch. Common noise then cancels, so that a bias of 1 %
@@ -54,17 +54,17 @@ Float64 = NDArray[np.float64]
 
 #: Default probability that two images that differ only by noise fail.
 ALPHA = 1e-3
-#: Default relative difference that is ignored as rounding of another device.
+#: Default relative difference that is ignored, because another device may cause it by rounding.
 TOLERANCE = 0.002
-#: Default bias of the whole image that a test must be able to detect.
+#: Default relative bias of the whole image that a comparison must be able to detect; otherwise it fails.
 SEES = 0.05
 
-#: Minimum number of batches for a useful spread.
+#: Minimum number of batches in an image; with fewer, the estimated error would be useless.
 MIN_BATCHES = 4
 
-# Margin in standard errors by which a bias is detected in 99 of 100 pairs of images.
+# Number of standard errors above the limit at which a bias is detected in 99 of 100 pairs of images.
 _MARGIN = float(ndtri(0.99))
-# Fraction of cases in which a sufficient number of path sets works.
+# Probability that the number of path sets reported as sufficient is sufficient.
 _ENOUGH = 0.9
 
 # Substitute for infinity, which JSON does not have.
@@ -80,8 +80,8 @@ class _Scale:
     dof        : degrees of freedom of that error
     level      : radiance to which the tolerance is relative
     reference  : radiance of the reference
-    spread     : increase of the error by a bias of 1; 0 if images are compared as independent
-    per_set    : variance of the difference, times path sets, if both had the same number
+    spread     : amount that a relative bias of 1 adds to the error, batch by batch; 0 for independent images
+    per_set    : variance of the difference if both images had one path set
     """
 
     name: str
@@ -102,9 +102,9 @@ def stat(
     tolerance: float = TOLERANCE,
     sees: float = SEES,
 ) -> Verdict:
-    """Compare two images with noise.
+    """Compare two images with noise; passed if noise explains their difference and could not hide a bias of `sees`.
 
-    alpha     : probability of a false alarm
+    alpha     : probability of a false alarm, that is of failing because of noise alone
     tolerance : relative difference that never fails, relative to a pixel's radiance or the image's mean, the larger
                 one
     sees      : relative brightness error of the whole image that would be detected in 99 of 100 cases. If noise
@@ -139,9 +139,9 @@ def stat(
             errors = np.where(excess > 0, excess / scale.error, 0.0)
         ratio = np.minimum(errors / limit, _ENDLESS)
         worst = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
-        severity = float(np.maximum(severity, ratio[worst]))  # a NaN is kept, and fails
+        severity = float(np.maximum(severity, ratio[worst]))  # np.maximum keeps a NaN, so that the test fails
         failing = int(np.count_nonzero(~(ratio <= 1)))
-        # Relative to the local value, not to the image's mean, because this number is for display.
+        # For display, the difference is relative to the local value, not to the image's mean.
         there = float(max(abs(scale.reference[worst]), 1e-3 * scale.level[worst]))
         relative = float(scale.difference[worst]) / there if there else 0.0
         visible[scale.name] = _visible_bias(scale, limit, tolerance)
@@ -182,7 +182,7 @@ def stat(
 
 
 def _known_bias(picture: Picture, reference: Picture) -> str:
-    """Return the known bias of the engines as a possible cause of a difference, if the engines differ."""
+    """Return text on the bias of the two engines as a possible cause of a difference; "" for the same engine."""
     name = "glpath.integrator"
     if picture.provenance.get(name) == reference.provenance.get(name):
         return ""
@@ -221,13 +221,13 @@ def _scales(
 def _welch(
     name: str, a: tuple[Float64, Float64, Noise], b: tuple[Float64, Float64, Noise], typical: float
 ) -> _Scale:
-    """Return tests by Welch 1947; `a` and `b` are each side's mean, the variance of that mean, and its noise."""
+    """Return Welch's tests (1947) at a scale; `a` and `b` are each image's mean, its variance, and the noise."""
     (mean_a, va, ours), (mean_b, vb, theirs) = a, b
     na, nb = len(ours.batch_counts), len(theirs.batch_counts)
     total = va + vb
     with np.errstate(divide="ignore", invalid="ignore"):
         dof = total**2 / (va**2 / (na - 1) + vb**2 / (nb - 1))
-    # Without noise on either side, every difference is significant for any degree of freedom.
+    # Without noise in both images, any difference is significant, whatever the degrees of freedom.
     dof = np.where(total > 0, dof, na + nb - 2.0)
     level = np.maximum(np.abs(mean_b), typical)
     per_set = va * ours.batch_counts.sum() + vb * theirs.batch_counts.sum()
@@ -235,9 +235,9 @@ def _welch(
 
 
 def _mean_and_variance(batches: Float64, counts: NDArray[np.int64]) -> tuple[Float64, Float64]:
-    """Return the mean (...) of batches (B, ...) with given numbers of path sets, and its variance.
+    """Return the mean (...) of batches (B, ...), weighted by their numbers of path sets, and the mean's variance.
 
-    The variance is that of `Film.variance_of_mean`.
+    The variance is computed as in `Film.variance_of_mean`.
     """
     share = counts / counts.sum()
     mean: Float64 = np.tensordot(share, batches, axes=1)
@@ -265,9 +265,9 @@ def _noise(picture: Picture, which: str) -> Noise:
 
 
 def _visible_bias(scale: _Scale, limit: Float64, tolerance: float) -> float:
-    """Return the smallest relative brightness error that is detected.
+    """Return the smallest relative brightness error that the tests at a scale detect.
 
-    It is that of the most sensitive channel, and for several pixels or blocks the median.
+    It is the error in the most sensitive channel. For several pixels or blocks, it is the median over them.
     """
     errors = limit + _MARGIN
     hidden = tolerance * scale.level + errors * scale.error
@@ -278,7 +278,7 @@ def _visible_bias(scale: _Scale, limit: Float64, tolerance: float) -> float:
 
 
 def _path_sets_needed(image: _Scale, noise: Noise, alpha_test: float, tolerance: float, sees: float) -> int | None:
-    """Return the number of path sets that show a bias of `sees`, or None if no number does.
+    """Return the number of path sets that suffices to detect a bias of `sees`, or None if no number does.
 
     It is a multiple of BLOCK * BATCHES. The error of the future image is an estimate like the present one, so the
     ratio of their squares follows an F distribution.

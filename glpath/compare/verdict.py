@@ -12,8 +12,9 @@ class Verdict:
     """Result of comparing an image with its reference.
 
     mode     : "exact", "fuzzy", "stat" or "flip"
-    passed   : True if the two count as the same
-    severity : size of the difference relative to the limit; above 1 it fails. Reports are sorted by it, worst first
+    passed   : True if the two images count as the same
+    severity : size of the difference relative to the limit; above 1 the comparison fails. Reports list the most
+               severe comparison first
     summary  : one sentence with numbers, for display
     measured : measured numbers, plain JSON values
     limits   : limits that they were compared with, plain JSON values

@@ -1,7 +1,8 @@
 """AOVs ("arbitrary output variables"): outputs of a film besides radiance, declared once.
 
 Help texts, EXR layers, the film's sums and the shaders' defines are generated from `AOV_KINDS` and `GROUPS`.
-`Film.aov` returns an AOV. These describe the first visible surface, including mirrors and glass:
+`Film.aov` returns one of them. The first group describes the first visible surface. Mirrors and glass are visible
+surfaces, too, except in "albedo" and "normal" as stated there:
 
 "albedo"      : (H, W, 3) float64, diffuse reflectance, plus emission or the sky's radiance, clipped to 1; linear
                 Rec. 709, 0 to 1. With `path` and `gather`, mirrors and clear glass have the albedo of the surface
@@ -55,27 +56,27 @@ Aov = Literal[
     "samples",
 ]
 AOVS: tuple[Aov, ...] = get_args(Aov)
-#: AOVs that a denoiser uses.
+#: AOVs that guide the denoiser, see `glpath.film.denoise`.
 DENOISER_AOVS: tuple[Aov, ...] = ("albedo", "normal")
 
 
 def guides_denoiser(aovs: Collection[str]) -> bool:
-    """Return True if the AOVs include all that guide a denoiser."""
+    """Return True if `aovs` contains every AOV that guides a denoiser."""
     return set(DENOISER_AOVS) <= set(aovs)
 
 
 def with_guides(aovs: Collection[str]) -> tuple[Aov, ...]:
-    """Return the AOVs and those that guide a denoiser, in the order of `AOVS`, as film files need it."""
+    """Return `aovs` and the AOVs that guide a denoiser, in the order of `AOVS`, which film files require."""
     return tuple(name for name in AOVS if name in aovs or name in DENOISER_AOVS)
 
 
-#: AOVs made from counts of the shapes that samples have hit.
+#: AOVs computed from the film's counts: how many samples of each pixel hit each shape.
 ID_AOVS: tuple[Aov, ...] = ("object_id", "material_id")
 
-#: Depth if no surface is hit; readers of OpenEXR know this value.
+#: Depth, in scene units, of a pixel whose samples hit no surface. Programs that read OpenEXR recognize this value.
 FAR = 1e10
 _INFINITY = 0x7F800000
-#: Name of the counts of shapes, in the same table as the sums.
+#: Key, in the mapping of AOV sums that `Film.add` takes, of the shape hit by each sample.
 SHAPES = "shapes"
 
 
@@ -84,10 +85,10 @@ class AovKind:
     """Declaration of an AOV.
 
     numbers : number of values that the film sums for each pixel; 0 for an AOV made from other sums
-    letters : channels of its layer in an EXR, as known to Nuke, Blender and Natron
-    over    : divisor of the sum: "samples", or "hits", the number of samples that hit a surface, which is summed as
-              the last value
-    empty   : value of a pixel without hits, for a mean over hits
+    letters : suffixes of the AOV's channels in an EXR, named as Nuke, Blender and Natron expect
+    over    : divisor of the sum: "samples" is the number of samples; "hits" is the number of samples that hit a
+              surface, summed as the last value; "" is no division
+    empty   : value of a pixel without hits, if `over` is "hits"
     note    : text that help adds to the name
     """
 
@@ -112,7 +113,7 @@ AOV_KINDS: dict[str, AovKind] = {
     "samples": AovKind(letters="X", note="how many"),
 }
 
-#: Sum from which an AOV is made, and its number of values per pixel.
+#: AOVs computed from sums of another name: that name, and the sums' number of values per pixel.
 _MADE_FROM: dict[str, tuple[str, int]] = {"indirect": ("direct", 3), "samples": ("dropped", 1)}
 
 
@@ -120,9 +121,9 @@ _MADE_FROM: dict[str, tuple[str, int]] = {"indirect": ("direct", 3), "samples": 
 class Group:
     """AOVs that a shader sums together.
 
-    aovs    : their names
-    sums    : names of the sums in shaders/film/aov.glsl, one output each
-    meaning : text for the table of variants
+    aovs    : names of these AOVs
+    sums    : names of the sums in shaders/film/aov.glsl; each is one output of the shader
+    meaning : description in the table of shader variants
     """
 
     aovs: tuple[Aov, ...]
@@ -130,7 +131,7 @@ class Group:
     meaning: str
 
 
-#: Groups by the define that adds them to the shader.
+#: Groups of AOVs by the preprocessor define that adds a group's sums to the shader.
 GROUPS: dict[str, Group] = {
     "AOV_SURFACE": Group(("albedo", "normal"), ("sum_first", "sum_second"), "albedo and normal"),
     "AOV_POSITION": Group(("depth", "position"), ("sum_low", "sum_high"), "depth and position"),
@@ -140,7 +141,7 @@ GROUPS: dict[str, Group] = {
 
 
 def sums_of(aovs: Iterable[str]) -> dict[str, int]:
-    """Return the sums from which AOVs are made, with their number of values per pixel."""
+    """Return the names of the sums needed to compute AOVs, each with its number of values per pixel."""
     found: dict[str, int] = {}
     for name in aovs:
         if name in _MADE_FROM:
@@ -151,15 +152,16 @@ def sums_of(aovs: Iterable[str]) -> dict[str, int]:
 
 
 def add_aov(name: str, held: NDArray[np.float64], more: NDArray[np.float64]) -> None:
-    """Add an AOV's sum over further path sets to the present sum, in place."""
+    """Add `more`, an AOV's sum over further path sets, to `held`, the sum so far, in place."""
     import numpy as np
 
-    # "depth_min" is stored as the bits of infinity minus those of the depth, 0 without hits; the maximum is kept.
+    # "depth_min" is stored as an integer: the float32 bits of infinity minus those of the depth; 0 without hits. So
+    # the nearest depth is the maximum.
     (np.maximum if name == "depth_min" else np.add)(held, more, out=held)
 
 
 def min_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return depths from the stored sum of "depth_min"; infinite without hits."""
+    """Return the depths that the stored values of "depth_min" encode (see `add_aov`); infinite without hits."""
     import numpy as np
 
     bits = np.uint32(_INFINITY) - np.clip(held, 0, _INFINITY).astype(np.uint32)
@@ -167,5 +169,5 @@ def min_depths(held: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def described() -> str:
-    """Return the names with their notes, for help texts."""
+    """Return the names of all AOVs with their notes, for help texts."""
     return ", ".join(f"{name} ({kind.note})" if kind.note else name for name, kind in AOV_KINDS.items())

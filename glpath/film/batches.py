@@ -1,7 +1,8 @@
-"""Path sets of a film and their batches, computed from the path sets' numbers alone.
+"""Assign path sets to batches by the path sets' numbers alone, so that any ranges can be merged.
 
-Sums are kept in separate batches. The paths of a set may share directions or points of a sequence, so errors of
-adjacent pixels are correlated. The batch of a set follows from its number, so that any ranges can be merged.
+A film sums each batch separately, because its error is estimated from differences between batches. Differences
+between pixels do not suffice: paths of a set may share directions or sequence points, so errors of adjacent pixels
+are correlated.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ from numpy.typing import NDArray
 from glpath.errors import UsageError
 
 # Path set i belongs to batch (i // BLOCK) % BATCHES. A block of 8 keeps consecutive points of a Sobol sequence
-# together, which stratify each other. With 8 batches, the standard error is accurate to about a quarter.
+# together, because they stratify each other. With 8 batches, the estimated standard error is itself accurate to
+# about a quarter.
 BLOCK = 8
 BATCHES = 8
-# Upper limit of path set numbers in a file, beyond any possible render, so that counts do not overflow.
+# Largest path set number accepted from a file: beyond any possible render, and small enough that counts do not
+# overflow.
 _LAST_PATH_SET = 1 << 48
 
 
@@ -27,7 +30,7 @@ def batch_of(path_set: int) -> int:
 
 
 def blocks(start: int, stop: int) -> Iterator[tuple[int, int]]:
-    """Yield the ranges of path sets start..stop (half-open), split at batch changes, as `Film.add` takes them."""
+    """Split path sets start..stop (half-open) into ranges that each lie in one block, as `Film.add` requires."""
     while start < stop:
         end = min(stop, (start // BLOCK + 1) * BLOCK)
         yield start, end
@@ -35,7 +38,7 @@ def blocks(start: int, stop: int) -> Iterator[tuple[int, int]]:
 
 
 def united(ours: tuple[tuple[int, int], ...], theirs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
-    """Return all ranges in order, with adjacent ones joined. Raises UsageError if they overlap."""
+    """Return the sorted union of two lists of ranges, adjacent ones joined. Raises UsageError if any overlap."""
     found: list[tuple[int, int]] = []
     for start, stop in sorted(ours + theirs):
         if found and start < found[-1][1]:

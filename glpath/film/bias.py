@@ -1,4 +1,4 @@
-"""Bias of a gather: difference of its light from unbiased paths, in the mean and in blocks of the image.
+"""Bias of the gather integrator: difference of its image from one of unbiased paths, on average and in blocks.
 
 The gather and unbiased paths trace the same few path sets of a smaller image. Both use the same first directions
 and light samples, so the difference of a set has little noise. Sums of the differences are stored with the film
@@ -20,24 +20,25 @@ from glpath.film.noise import FLOOR
 
 Float64 = NDArray[np.float64]
 
-#: Name of the sums in `FilmMetadata.statistics`.
+#: Key of the measured sums in `FilmMetadata.statistics`.
 BIAS_PROBE = "bias_probe"
-#: Name of the sums of a gather whose bias was too large, so that "path" rendered the film.
+#: Key of the same sums if the gather's bias was too large, so that "path" rendered the film instead.
 REJECTED_GATHER = "rejected_gather"
 #: Number of blocks along each side of the image.
 BLOCKS = 8
-#: Maximum bias of the mean of an image that `auto` renders, relative to its light.
+#: Limit of the bias of the image's mean, as a fraction of that mean; above it, `auto` does not render with a
+#: gather.
 MAX_MEAN = 0.01
-#: Maximum bias of blocks of an image that `auto` renders, relative to its light.
+#: Limit of the bias of blocks, as a fraction of their light; above it, `auto` does not render with a gather.
 MAX_BLOCKS = 0.03
-#: Number of standard errors by which a bias must differ from its limit for a decision before the last path set (95
-#: % confidence).
+#: Before the last path set, the check decides only if the bias is this many standard errors from its limit (95 %
+#: confidence).
 SURE = 1.645
-#: Number of standard errors by which a bias must differ from its limit after the last path set.
+#: After the last path set, a bias counts as small if it is this many standard errors below its limit.
 FINAL = 1.0
-# Maximum difference of the worst block, in standard errors, that noise alone may explain.
+# Difference of a block, in standard errors, that noise alone may explain. Only the excess counts for `worst_block`.
 _BLOCK_NOISE = 3.5
-# Minimum light to which the difference of a block is relative, as a fraction of the image's mean light.
+# A block's difference is relative to its light, but at least to this fraction of the image's mean light.
 _DARK_BLOCK = 0.02
 
 
@@ -45,12 +46,12 @@ _DARK_BLOCK = 0.02
 class Bias:
     """Bias of an image, as fractions of its light.
 
-    mean         : bias of the whole image; above 0 it is too bright
+    mean         : relative error of the image's mean; above 0 the image is too bright
     mean_error   : standard error of `mean`
-    blocks       : root mean square over blocks, relative as in `compare.relative_mse`, without the part explained
-                   by noise
-    blocks_error : root mean square over blocks that noise alone would cause
-    worst_block  : largest bias of a block, minus 3.5 standard errors
+    blocks       : root mean square of the blocks' relative errors, as in `compare.relative_mse`, after subtracting
+                   noise
+    blocks_error : root mean square that noise alone would cause
+    worst_block  : largest relative error of a block, after subtracting 3.5 standard errors
     """
 
     mean: float
@@ -60,7 +61,7 @@ class Bias:
     worst_block: float
 
     def is_small(self, errors: float = FINAL) -> bool:
-        """Return True if the bias is below 1 % in the mean and 3 % in blocks by `errors` standard errors."""
+        """Return True if the bias, plus `errors` standard errors, is below 1 % in the mean and 3 % in blocks."""
         spread = errors * self.blocks_error**2 * np.sqrt(2.0) / BLOCKS
         return bool(
             abs(self.mean) + errors * self.mean_error < MAX_MEAN
@@ -70,7 +71,7 @@ class Bias:
         )
 
     def is_large(self, errors: float = SURE) -> bool:
-        """Return True if the bias is above its limit, in the mean or in blocks, by `errors` standard errors."""
+        """Return True if the bias, minus `errors` standard errors, is above its limit in the mean or in blocks."""
         return bool(
             abs(self.mean) - errors * self.mean_error > MAX_MEAN
             or self.blocks > MAX_BLOCKS + errors * self.blocks_error / BLOCKS
@@ -94,7 +95,7 @@ def _percent(share: float, digits: int = 2) -> str:
 
 
 def block_means(picture: NDArray[np.floating[Any]]) -> Float64:
-    """Return the (BLOCKS, BLOCKS) mean of all channels of an image (H, W, 3) in blocks of equal size."""
+    """Return the (BLOCKS, BLOCKS) means of blocks of equal size, over all channels of an image (H, W, 3)."""
     height, width = picture.shape[:2]
     sums = np.pad(picture.mean(axis=2, dtype=np.float64), ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
     rows = np.linspace(0.0, height, BLOCKS + 1)
@@ -106,9 +107,9 @@ def block_means(picture: NDArray[np.floating[Any]]) -> Float64:
 
 
 def summed(biased: Sequence[Float64], unbiased: Sequence[Float64]) -> dict[str, Any]:
-    """Return sums over the block means of path sets, in the form of `statistics["bias_probe"]`.
+    """Return the sums, over path sets, of block means and their differences, in the form of a bias probe.
 
-    biased, unbiased : (BLOCKS, BLOCKS) means of each path set, in pairs
+    biased, unbiased : (BLOCKS, BLOCKS) block means of each path set, in the same order
 
     The last entry of each list is for the whole image.
     """
@@ -121,7 +122,7 @@ def summed(biased: Sequence[Float64], unbiased: Sequence[Float64]) -> dict[str, 
 
 
 def _with_the_whole(sets: Sequence[Float64]) -> Float64:
-    """Return (N, BLOCKS² + 1): the block means of each of N sets, then the mean of its blocks."""
+    """Return (N, BLOCKS² + 1): for each of N path sets, its block means and then the mean of all blocks."""
     return np.stack([np.append(means, means.mean()) for means in sets])
 
 

@@ -1,4 +1,4 @@
-"""Pages with a title, a map or a plot, and a caption; and values over a plane in false colours.
+"""Charts as images: pages with title, map or plot, and caption; and values over a plane in false colours.
 
 matplotlib is in the `figures` extra. It is imported only inside functions, with the Agg canvas, so that no display
 is needed. The colours can be distinguished by colour-blind readers (Okabe and Ito 2008).
@@ -22,7 +22,7 @@ UInt8 = NDArray[np.uint8]
 BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 INK, GREY, PALE = "#222222", "#6E6E6E", "#E4E4E4"
 
-#: Colour map of values in false colours.
+#: Name of matplotlib's colour map for false colours.
 COLOUR_MAP = "viridis"
 
 DPI = 100
@@ -43,11 +43,11 @@ def field(
     labels: tuple[str, str],
     unit: str,
 ) -> UInt8:
-    """Return a page with values (rows, columns) over a plane in false colours, with scale and contour lines.
+    """Return a page that shows values over a plane as a false-colour map, with colour scale and contour lines.
 
-    values : NaN for missing values, which are grey
-    extent : start and end of the columns, then of the rows, the lowest row first
-    labels : labels of the axes along rows and columns
+    values : (rows, columns), the lowest row first; NaN for missing values, which are drawn grey
+    extent : left, right, lower and upper edge of the map, in the coordinates of the axes
+    labels : labels of the horizontal and of the vertical axis
     unit   : unit of the values
     """
     require_matplotlib()
@@ -70,7 +70,7 @@ def field(
     if min(rows, columns) >= 3 and np.nanmin(values) < top:
         x = extent[0] + (np.arange(columns) + 0.5) * wide / columns
         y = extent[2] + (np.arange(rows) + 0.5) * high / rows
-        levels = MaxNLocator(6).tick_values(0.0, top)[1:-1]  # without the level 0
+        levels = MaxNLocator(6).tick_values(0.0, top)[1:-1]  # without 0 and the level above all values
         lines = axes.contour(x, y, values, levels=levels, colors="white", linewidths=0.8)
         axes.clabel(lines, fontsize=8, fmt="%g")
     axes.set_xlabel(labels[0], color=INK, fontsize=11)
@@ -84,9 +84,9 @@ def field(
 
 
 def false_colours(values: NDArray[np.float64], top: float) -> NDArray[np.float64]:
-    """Return (..., 3) display colours from 0 to 1 for values (...), as in `field`; NaN is grey.
+    """Return (..., 3) display colours from 0 to 1 for values (...), with the colour map of `field`; NaN is grey.
 
-    top : value of the last colour; the first colour is for 0
+    top : value that gets the last colour of the map; 0 gets the first colour
     """
     require_matplotlib()
     from matplotlib import colormaps
@@ -97,12 +97,12 @@ def false_colours(values: NDArray[np.float64], top: float) -> NDArray[np.float64
 
 
 def wrapped(caption: str, width: int) -> list[str]:
-    """Return the lines of a caption, wrapped for a page of a width in pixels."""
+    """Split a caption into lines that fit on a page of `width` pixels."""
     require_matplotlib()
     from matplotlib.backends import backend_agg
     from matplotlib.font_manager import FontProperties
 
-    agg: Any = backend_agg  # without types in matplotlib
+    agg: Any = backend_agg  # matplotlib has no type annotations for it
     font, canvas = FontProperties(size=_CAPTION_SIZE), agg.RendererAgg(1, 1, DPI)
     room = width - 2 * MARGIN
 
@@ -123,7 +123,7 @@ def wrapped(caption: str, width: int) -> list[str]:
 
 
 def page(title: str, lines: Sequence[str], width: int, body: int) -> tuple[Figure, int, int]:
-    """Return a white page with title and caption, the bottom of its body, and its height, in pixels."""
+    """Return a white page with title and caption, the lower edge of its body, and its height (pixels)."""
     require_matplotlib()
     from matplotlib.figure import Figure
 
@@ -140,7 +140,7 @@ def page(title: str, lines: Sequence[str], width: int, body: int) -> tuple[Figur
 def rastered(figure: Figure) -> UInt8:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    canvas: Any = FigureCanvasAgg(figure)  # without types in matplotlib
+    canvas: Any = FigureCanvasAgg(figure)  # matplotlib has no type annotations for it
     canvas.draw()
     return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
 

@@ -5,6 +5,6 @@ from __future__ import annotations
 #: Tone curves, see `glpath.film.image.TONEMAPS`.
 TONEMAP_NAMES = ("srgb", "reinhard", "aces")
 
-#: Values of `stop_rule`, the reason why a render ended; it is complete if the value is in RULES.
+#: Values of `stop_rule`, the reason why a render ended. The render is complete if the reason is in RULES.
 SPP, TIME_LIMIT, NOISE, CLEAN, INTERRUPTED_RULE = "spp", "time limit", "noise", "clean", "interrupted"
 RULES = (SPP, TIME_LIMIT, NOISE, CLEAN)

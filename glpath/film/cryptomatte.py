@@ -1,8 +1,8 @@
-"""Mattes by name: objects and materials hit by the samples of each pixel, and the number of these samples.
+"""Cryptomattes: which objects and materials the samples of each pixel hit, and how many samples hit each.
 
-`ShapeCounts` counts samples by pixel and shape, exactly, so that counts of path sets add up to the same result in
-any order. `Cryptomatte` is the form for compositors: for each pixel, the names that cover most of it, ranked. The
-number of names is limited only there, when a file is written.
+`ShapeCounts` has the exact number of samples by pixel and shape, so path sets can be added in any order with the
+same result. `Cryptomatte` is the form for compositors: for each pixel, the names that cover most of it, ranked.
+Only this form, made when a file is written, limits the number of names.
 
 Cost:     12 bytes for every shape visible in a pixel: an image of a few objects has little more than one each.
 Poor at:  pixels with more visible shapes than ranks (distant leaves): the rarest are omitted, and their coverage is
@@ -27,7 +27,7 @@ Int64 = NDArray[np.int64]
 
 Kind = Literal["object", "material"]
 
-#: Number of names written for each pixel: two for each layer of four channels, as the specification suggests.
+#: Number of names written for each pixel. A layer of four channels holds two, as the specification suggests.
 RANKS = 6
 #: Names of the layers, as in the specification's examples, Blender and Arnold.
 LAYERS: dict[Kind, str] = {"object": "CryptoObject", "material": "CryptoMaterial"}
@@ -56,12 +56,12 @@ class ShapeCounts:
 
     @classmethod
     def of(cls, shapes: NDArray[np.unsignedinteger]) -> ShapeCounts:
-        """Return the counts of samples.
+        """Count the samples of each pixel that hit each shape.
 
-        shapes : (H, W, samples), number + 1 of the shape that each sample has hit, 0 for none; row 0 at the top
+        shapes : (H, W, samples), index + 1 of the shape that each sample has hit, 0 for none; row 0 at the top
         """
         height, width, samples = shapes.shape
-        # Keys that are sorted within pixels are sorted overall.
+        # Sorting within each pixel sorts all keys, because the upper bits of a key are its pixel.
         found = np.sort(shapes.reshape(height * width, samples), axis=1).astype(np.int64)
         keys = ((np.arange(height * width)[:, None] << _SHAPE_BITS) + found).ravel()
         starts = np.flatnonzero(np.diff(keys, prepend=-1))
@@ -97,9 +97,9 @@ class ShapeCounts:
         return found.astype(np.int64).reshape(self.size)
 
     def ranked(self, group: Int64, ranks: int) -> tuple[Int64, Int64]:
-        """Return each pixel's groups of shapes with the most hits, in descending order.
+        """Return, for each pixel, the groups of shapes that most samples hit, in descending order of hits.
 
-        group : (shapes,) int64, group of each shape; with equal hits the lower group comes first
+        group : (shapes,) int64, group number of each shape; of groups with equal hits, the lower number comes first
 
         Returns (H, W, ranks) int64 groups, -1 for none, and their counts.
         """
@@ -120,7 +120,7 @@ class ShapeCounts:
         return groups.reshape(height, width, ranks), samples.reshape(height, width, ranks)
 
     def check(self, shapes: int, path_sets: int) -> None:
-        """Raise ValueError if these cannot be counts of so many shapes and path sets, as in a damaged file."""
+        """Raise ValueError if these counts are impossible for `shapes` and `path_sets`, as in a damaged file."""
         pixels = self.size[0] * self.size[1]
         in_order = bool(np.all(np.diff(self.keys, prepend=-1) > 0))
         within = not len(self.keys) or self.keys[-1] >> _SHAPE_BITS < pixels
@@ -147,12 +147,12 @@ class Cryptomatte:
     manifest: dict[str, str]
 
     def matte(self, *names: str) -> Float64:
-        """Return the (H, W) float64 coverage of each pixel by objects or materials with one of the names."""
+        """Return the (H, W) float64 fraction of each pixel that objects or materials with these names cover."""
         wanted = np.array([hash_id(name) for name in names], np.float32)
         return np.asarray(np.where(np.isin(self.ids, wanted), self.coverage, 0.0).sum(axis=2))
 
     def channels(self) -> dict[str, Float32]:
-        """Return the (H, W) float32 channels by name in a file: CryptoObject00.R, the first id, .G its coverage."""
+        """Return (H, W) float32 channels by name: CryptoObject00.R is the first id, .G the coverage of that id."""
         found = {}
         for rank in range(self.ids.shape[2]):
             layer = f"{self.layer}{rank // 2:02}"
@@ -161,7 +161,7 @@ class Cryptomatte:
         return found
 
     def header(self) -> dict[str, str]:
-        """Return the metadata for a file that contains it [Cryptomatte Specification 1.1.0, Metadata]."""
+        """Return the header entries of a file that contains this Cryptomatte [Specification 1.1.0, Metadata]."""
         key = f"cryptomatte/{_hex(hash_id(self.layer))[:7]}"
         return {
             f"{key}/name": self.layer,
@@ -174,7 +174,7 @@ class Cryptomatte:
 def cryptomatte(
     kind: Kind, counts: ShapeCounts, names: Sequence[str], path_sets: int, ranks: int = RANKS
 ) -> Cryptomatte:
-    """Return the Cryptomatte of counts; shapes with the same name are combined.
+    """Return the Cryptomatte of counted samples; shapes with the same name are combined.
 
     names     : name of each shape, or of its material
     path_sets : number of samples of each pixel
@@ -184,7 +184,8 @@ def cryptomatte(
     number = {name: i for i, name in enumerate(distinct)}
     group = np.array([number[name] for name in names], np.int64)
     groups, samples = counts.ranked(group, ranks)
-    hashes = np.append(np.array([hash_id(name) for name in distinct], np.float32), np.float32(0.0))  # -1: none
+    # Group -1, no shape, takes the last hash, 0.
+    hashes = np.append(np.array([hash_id(name) for name in distinct], np.float32), np.float32(0.0))
     manifest = {name: _hex(hash_id(name)) for name in distinct}
     return Cryptomatte(LAYERS[kind], hashes[groups], samples / path_sets, manifest)
 

@@ -24,26 +24,28 @@ from glpath.errors import GlpathError
 Float32 = NDArray[np.float32]
 Flags = dict[str, bool | str]
 
-# Width in pixels of the mirrored border around images. Without them the network would see black outside and darken
-# the border. With them, the squared error at the border of `room` is halved.
+# Width in pixels of the border added around images, with mirrored or repeated pixels. Without the border, the
+# network would see black outside and darken the image's edges. With it, the squared error at the edges of `room` is
+# halved.
 _BEYOND = 16
-# Memory limit of the network for pictures in MiB; above, it uses tiles. 1920 x 1080 pixels take 1.6 GiB at once. As
-# two tiles they take the same time.
+# Memory limit of the network in MiB for rendered images; an image that needs more is processed in tiles. Without
+# tiles, 1920 x 1080 pixels need 1.6 GiB. As two tiles they take the same time.
 _PICTURE_MIB = 1024
-# Memory limit of the network for pages of lightmaps in MiB. It is lower, because a bake needs much other memory.
-# Pages of 2048 x 2048 then take 1.5 times as long, and a sixth of the memory.
+# Memory limit of the network in MiB for pages of lightmaps. It is lower, because a bake needs much other memory.
+# Pages of 2048 x 2048 then take 1.5 times as long as without tiles, and a sixth of the memory.
 _PAGE_MIB = 256
-# Difference between a pixel of a guide and its neighbours above which the pixel counts as noise. Smaller noise is
-# harmless.
+# A pixel of a guide (albedo or normal) counts as noise if it is above or below all four neighbours by more than
+# this. Smaller noise is harmless.
 _NOISE = 0.004
-# Fraction of such pixels in a tile that corners and thin lines alone may cause.
+# Maximum fraction of noise pixels in a tile of a guide without noise, because corners and thin lines look like
+# noise.
 _LINES = 0.15
-# Width of a tile in pixels.
+# Width in pixels of the tiles in which noise pixels are counted.
 _TILE = 16
-# The smaller network is as good for albedo and normals as the large one, in half the time.
+# For albedo and normals: the smaller network is as good as the large one, in half the time.
 _SOON: Flags = {"quality": "OIDN_QUALITY_BALANCED"}
-# The smallest network is for two halves that are only compared. Their difference is 5 % less, in half the time
-# again.
+# For two halves of the path sets that are only compared: the smallest network halves the time again. The difference
+# between the halves is then 5 % smaller.
 _SOONEST: Flags = {"quality": "OIDN_QUALITY_FAST"}
 
 
@@ -74,7 +76,7 @@ def can_denoise() -> bool:
 class Guides:
     """Albedo and normals for the denoiser, usable for several images of one film.
 
-    Each was denoised separately if it had noise: textures, alpha, lenses and motion cause some.
+    Each of the two has been denoised itself if it had noise, which textures, alpha, lenses and motion cause.
     """
 
     albedo: Float32
@@ -82,7 +84,7 @@ class Guides:
 
     @classmethod
     def of(cls, albedo: ArrayLike, normal: ArrayLike) -> Guides:
-        """Return the guides; `denoised` documents the parameters and errors."""
+        """Return the guides, denoised if they have noise; `denoised` documents the parameters and errors."""
         oidn = require_denoiser()
         made = (
             np.asarray(values, np.float32)
@@ -94,12 +96,12 @@ class Guides:
 
 
 def is_free_of_noise(guide: ArrayLike) -> bool:
-    """Return True if albedo or normals (H, W, 3) have no noise: plain colours, and shapes of any outline.
+    """Return True if a guide, albedo or normals (H, W, 3), has no noise, as with plain colours and sharp outlines.
 
     A noisy pixel is brighter or darker than all four neighbours in two of five cases, a pixel at an edge hardly
-    ever. Guides without noise can be used directly: for `cornell-box` and `room` the relMSE is the same, in 0.8 and
-    0.5 of the time. Guides with noise from textures, lenses or alpha must be denoised: `benchmarks scene helmet`
-    has 8.4e-4, and 9.0e-4 without.
+    ever. Guides without noise can be used directly: for `cornell-box` and `room`, the relMSE is as with denoised
+    guides, in 0.8 and 0.5 of the time. Guides with noise from textures, lenses or alpha must be denoised:
+    `benchmarks scene helmet` has a relMSE of 8.4e-4 with denoised guides, and of 9.0e-4 otherwise.
     """
     values = np.asarray(guide, np.float32)
     if min(values.shape[:2]) < 3:
@@ -148,13 +150,13 @@ def denoised(radiance: ArrayLike, guides: Guides) -> Float32:
         oidn.OIDN_IMAGE_ALBEDO: guides.albedo,
         oidn.OIDN_IMAGE_NORMAL: guides.normal,
     }
-    # For guides without noise, a larger network is used.
+    # The guides are free of noise here; this flag reports that, and Open Image Denoise then uses a larger network.
     flags: Flags = {"hdr": True, "cleanAux": True}
     return _filtered(oidn, oidn.OIDN_FILTER_TYPE_RT, images, "symmetric", flags, _PICTURE_MIB)
 
 
 def denoised_lightmap(irradiance: ArrayLike) -> Float32:
-    """Return a page of a lightmap without noise, by the lightmap filter, which takes no guides.
+    """Return a page of a lightmap without noise, using the lightmap filter, which takes no guides.
 
     irradiance : (H, W, 3), linear Rec. 709, not negative; gutters between charts are filled
 

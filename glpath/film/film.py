@@ -58,7 +58,7 @@ class Film(FilmErrors):
 
     @property
     def is_shown_denoised(self) -> bool:
-        """True if a notebook shows `denoised`: the film has noise and the AOVs, and the denoiser is installed."""
+        """True if a notebook shows `denoised`: it is noisy, has guiding AOVs, and the denoiser is installed."""
         there = self.metadata.noisy and guides_denoiser(self.metadata.aovs)
         return there and self.path_sets > 0 and open_image_denoise.can_denoise()
 
@@ -69,7 +69,7 @@ class Film(FilmErrors):
         return self.mean.astype(dtype or np.float64, copy=False)
 
     def exposure_stops(self, exposure: float | Literal["auto"] | None = None) -> float:
-        """Return the stops of an exposure for this image.
+        """Return the exposure of this image as a number of stops.
 
         exposure : stops; "auto": result of `image.auto_exposure`; None: exposure of the scene, or else "auto"
 
@@ -86,11 +86,11 @@ class Film(FilmErrors):
         tonemap: str = "srgb",
         denoise: bool = False,
     ) -> UInt8:
-        """Return (H, W, 3) uint8 sRGB, row 0 at the top, as `save` writes it as .png; (H, W, 4) with `alpha`.
+        """Return the image as (H, W, 3) uint8 sRGB, row 0 at the top, like a .png of `save`; with alpha (H, W, 4).
 
         exposure : as for `exposure_stops`
         tonemap  : one of `image.TONEMAPS`
-        denoise  : True to show `denoised`, with the same stops
+        denoise  : True to return `denoised` instead of `mean`, with the same exposure
 
         Raises UsageError for another exposure or operator, or an image without a path set; and the errors of
         `denoised`.
@@ -262,7 +262,7 @@ def read_image(path: str | Path) -> Float64:
 
 
 def holds_film(path: str | Path) -> bool:
-    """Return True if a file contains a film, by the names in it. Raises ImageError if the file cannot be read."""
+    """Return True if a file contains a film, by its arrays' names. Raises ImageError if it cannot be read."""
     if Path(path).suffix.lower() != ".npz":
         return False
     with open_npz(path, ".npz") as stored:
@@ -279,7 +279,7 @@ def check_suffix(path: str | Path) -> Path:
 
 
 def _shrunk(image: Float64, longest: int) -> Float64:
-    """Return the image averaged over blocks of pixels, so that no side is longer than `longest`."""
+    """Return the image with equal blocks of pixels averaged, so that no side is longer than `longest` pixels."""
     n = -(-max(image.shape[:2]) // longest)
     height, width = (max(1, side // n) for side in image.shape[:2])
     rows, columns = min(n, image.shape[0]), min(n, image.shape[1])

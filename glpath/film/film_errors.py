@@ -1,6 +1,6 @@
 """Expected errors of a film's image, original and denoised, estimated from the differences between its batches.
 
-Poor at:  the error of a render shorter than two blocks (16 path sets), which has nothing to compare.
+Poor at:  short renders. Up to 8 path sets are in one batch, so there is nothing to compare.
 """
 
 from __future__ import annotations
@@ -21,20 +21,21 @@ from glpath.film.sums import FilmSums, mean_of
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-# Fraction of the pixels that decide whether an image looks clean.
+# Fraction of the pixels that `denoised_noise` measures; the noisiest 0.1 % are left out.
 _LOOKED_AT = 0.999
 
 
 @dataclass(eq=False, repr=False)
 class FilmErrors(FilmSums):
-    """Sums whose image can be denoised, and the errors of the image and of the denoised one."""
+    """Film sums, their denoised image, and the estimated errors of the image and of the denoised image."""
 
-    # Path sets and result of `denoised`.
+    # Cached result of `denoised`, after the ranges of path sets that it was computed from.
     _denoised: tuple[tuple[tuple[int, int], ...], Float32] | None = field(default=None, init=False)
-    # Path sets, and the two halves that `variance_of_denoised` compares. Below, path sets and guides of `denoised`.
+    # Cached denoised halves that `variance_of_denoised` compares, after their ranges of path sets.
     _halves: tuple[tuple[tuple[int, int], ...], tuple[float, list[Float64]]] | None = field(
         default=None, init=False
     )
+    # Cached guides of `denoised`, after their ranges of path sets.
     _guides: tuple[tuple[tuple[int, int], ...], open_image_denoise.Guides] | None = field(default=None, init=False)
 
     def denoised(self) -> Float32:
@@ -104,7 +105,7 @@ class FilmErrors(FilmSums):
         return float(np.hypot(np.sqrt(square), self.solution_error() or 0.0))
 
     def error_bound(self, confidence: float = 0.95) -> float | None:
-        """Return the bound of the image's error at a confidence, which is compared with a noise limit.
+        """Return an upper bound of the image's error at a given confidence; a noise limit is compared with it.
 
         The error is the noise that `relative_error` estimates, without `solution_error`: sqrt(mean over pixels and
         channels of e² / (mean² + 0.01)). So 0.01 is noise of 1 % if the image is not dark. With the default
@@ -119,8 +120,8 @@ class FilmErrors(FilmSums):
     def solution_error(self) -> float | None:
         """Return the part of `relative_error` caused by a gather's radiosity solution.
 
-        More path sets do not reduce it. It is the standard error of the image's mean over that mean
-        (`FilmMetadata.solution_error`). It is assumed to be equal in all pixels, and weighted as in
+        More path sets do not reduce it. It is computed from the standard error of the image's mean, divided by that
+        mean (`FilmMetadata.solution_error`). It is assumed to be equal in all pixels, and weighted as in
         `relative_error`. None if it is not known.
         """
         error, mean = self.metadata.solution_error, self.mean
@@ -143,9 +144,9 @@ class FilmErrors(FilmSums):
         return None if probe is None else bias_of(probe)
 
     def denoised_noise(self) -> float | None:
-        """Return the noise of `denoised`, as `relative_error` does, but only from two halves.
+        """Return the noise of `denoised`, on the scale of `relative_error`, from two separately denoised halves.
 
-        A render that ends when it looks clean compares with it. It excludes `solution_error`, and the worst
+        The stop rule "clean" compares this value with its limit. It excludes `solution_error`, and the noisiest
         thousandth of the pixels.
 
         Costs two calls of the denoiser. Raises the errors of `denoised`. None if fewer than two batches have path
@@ -165,10 +166,10 @@ class FilmErrors(FilmSums):
             2 n_a n_b / n² (half a denoised - half b denoised)²
 
         The halves have n_a and n_b path sets, about equal, each a contiguous part of the sequence up to 64 path
-        sets. If denoising were linear, this would be twice the variance of `denoised`. Errors common to both
-        halves, such as the denoiser's own bias, are not measured; the factor stands for them. The value of a pixel
-        is a rough estimate. The root of their mean was within a factor of 2.5 of the error against converged
-        images.
+        sets. If denoising were linear, this would be twice the variance of `denoised`. The factor 2 makes up for
+        errors common to both halves, such as the denoiser's own bias, which the difference does not show. The value
+        of a single pixel is a rough estimate. The root of their mean was within a factor of 2.5 of the error
+        against converged images.
 
         Costs two more calls of the denoiser, and memory for their images. Raises the errors of `denoised`, and
         UsageError if fewer than two batches have path sets.

@@ -1,4 +1,4 @@
-"""A film as an xarray data set, and its render statistics as a pandas row: `glpath[frames]`."""
+"""Conversion of a film to an xarray data set, and of its render statistics to a pandas row (`glpath[frames]`)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from glpath.film.film_errors import FilmErrors
 from glpath.system.frames import data_frame, data_set
 
-# Dimensions of AOVs with several values per pixel.
+# Name and labels of the last dimension of AOVs with 3 or 2 values per pixel.
 _AXES = {3: ("channel", ("red", "green", "blue")), 2: ("coordinate", ("u", "v"))}
 _VECTORS = ("normal", "position")
 
@@ -71,7 +71,7 @@ def _stats(film: FilmErrors) -> dict[str, Any]:
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield names and values: nested tables with dotted names, and lists as JSON."""
+    """Yield (name, value) pairs: an entry of a nested table has a dotted name, and a list becomes JSON text."""
     for name, value in values.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{before}{name}.")

@@ -50,28 +50,29 @@ _MAX_JPEG = 65_535
 _MAX_COMMENT = 65_000
 # Quality of JPEGs, out of 100.
 _JPEG_QUALITY = 95
-# JPEG: markers other than those between the restart intervals of a scan; end of image, start of scan.
+# JPEG: pattern of a marker, except restart markers inside a scan; codes of end of image and of start of scan.
 _JPEG_MARKER, _END_OF_IMAGE, _START_OF_SCAN = re.compile(rb"\xff([\x02-\xcf\xd8-\xfe])"), b"\xd9", b"\xda"
-# JPEG: maximum number of scans, each of which may cover all pixels by a few bytes. libtiff has this limit, too.
+# JPEG: maximum number of scans. A scan of a few bytes may cover all pixels, so many scans are slow to decode.
+# libtiff has this limit, too.
 _MAX_SCANS = 100
-# Memory of a pixel that becomes three float64, bytes.
+# Bytes of memory for a pixel that is decoded to three float64.
 FLOAT_PIXEL = 24
-# Memory of a pixel with 8 bits per channel, bytes.
+# Bytes of memory for a pixel that is decoded to 8 bits per channel.
 _BYTE_PIXEL = 4
-# OpenEXR: maximum number of attributes and channels of all parts.
+# OpenEXR: maximum number of attributes and channels in all parts of a file together.
 _MAX_EXR_ENTRIES = 4096
 # OpenEXR: maximum length of a name or a type, bytes.
 _MAX_EXR_NAME = 255
-# OpenEXR: name and numbers of a channel.
+# OpenEXR: pattern of one entry of the channel list: a name, a zero byte, and 16 bytes of numbers.
 _EXR_CHANNEL = re.compile(rb"[^\0]{1,255}\0.{16}", re.DOTALL)
 READABLE = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".npz", ".npy")
 
-# Luminance Y of each channel of linear Rec. 709.
+# Weights of red, green and blue of linear Rec. 709 in the luminance Y.
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 # Primaries and white point (D65) of Rec. 709 for an EXR header: x and y of red, green, blue and white.
 REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
-# Tolerance of x and y for the rounding of other programs.
+# Chromaticities x and y that differ by less are equal: other programs round them.
 _SAME_CHROMATICITY = 1e-3
 # Bradford's matrix from XYZ to cone responses.
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
@@ -81,7 +82,7 @@ _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0
 REINHARD_WHITE = 4.0
 
 
-# Target of `auto_exposure` for the log-average luminance: middle grey.
+# Log-average luminance that `auto_exposure` aims at: middle grey.
 MIDDLE_GREY = 0.18
 
 
@@ -124,7 +125,8 @@ def _aces(radiance: Float64) -> Float64:
     return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
 
 
-# Tone curves by name in `choices.TONEMAP_NAMES`, from exposed radiance to linear values, shown from 0 to 1.
+# Tone curves by name (`choices.TONEMAP_NAMES`): functions from exposed radiance to linear display values, of which
+# 0 to 1 are shown.
 TONEMAPS: dict[str, Callable[[Float64], Float64]] = {
     "srgb": lambda radiance: radiance,
     "reinhard": _reinhard,
@@ -171,7 +173,7 @@ def auto_exposure(radiance: ArrayLike) -> float:
     if not lit.size:
         return 0.0
     key = float(np.exp(np.mean(np.log(np.maximum(lit, 1e-3 * np.median(lit))))))
-    white = max(float(np.percentile(y, 99)), 1e-300)  # the image may show only a lamp
+    white = max(float(np.percentile(y, 99)), 1e-300)  # it is 0 if less than 1 % of the pixels are lit
     wanted, to_white = np.log2(MIDDLE_GREY / key), -np.log2(white)
     return float(np.round(4.0 * max(wanted, min(0.0, to_white))) / 4.0) + 0.0
 
@@ -185,17 +187,18 @@ def check_exposure(exposure: object) -> None:
 
 
 def check_tonemap(operator: str) -> None:
-    """Raise UsageError for an unknown operator."""
+    """Raise UsageError if there is no tone curve with that name."""
     if operator not in TONEMAPS:
         raise UsageError(f"tonemap: there is no operator {operator!r}. Allowed: {', '.join(TONEMAPS)}.")
 
 
 def encode_png(picture: UInt8, metadata: Mapping[str, str] | None = None) -> bytes:
-    """Return the bytes of a PNG for (H, W, 3) uint8 sRGB, or (H, W, 4) with alpha.
+    """Encode (H, W, 3) uint8 sRGB, or (H, W, 4) with alpha, as the bytes of a PNG.
 
     metadata : written as text chunks
     """
-    # Pillow directly, because imageio loads all of Pillow's formats first: a tenth of a small image's time.
+    # Pillow is used directly. imageio would first load all of Pillow's formats, a tenth of the time for a small
+    # image.
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -299,14 +302,14 @@ def write_exr(
 
 
 def layer_channels(name: str) -> list[str]:
-    """Return the channels of a layer in an EXR.
+    """Return the full channel names of a layer in an EXR.
 
     They are NAME.R, .G, .B for colours, .X, .Y, .Z for vectors, depth.Z, and .X for a number. Nuke uses depth.Z,
     like Z, as its own depth; Blender and Natron show each layer as a pass. Integers are float32 too, as in files of
     Blender and Cycles. All values up to 2**24 are exact, and readers that support one type of channel accept the
     file.
     """
-    letters = AOV_KINDS[name].letters if name in AOV_KINDS else "RGB"  # Cryptomattes have layers too
+    letters = AOV_KINDS[name].letters if name in AOV_KINDS else "RGB"  # such as "denoised"
     return [f"{name}.{letter}" for letter in letters]
 
 
@@ -316,9 +319,10 @@ def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], ND
 
 
 def read_image(path: str | Path, colours: bool = True) -> Float64:
-    """Read an image that is not a film, see `glpath.film.film.read_image`.
+    """Read an image file that is not a film; `glpath.film.film.read_image` lists the formats and the result.
 
-    colours : convert an .exr of other primaries to Rec. 709; False for normals and other values
+    colours : True to convert an .exr with other primaries to Rec. 709; False for data that are not colours
+              (normals)
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -335,7 +339,8 @@ def read_image(path: str | Path, colours: bool = True) -> Float64:
 def read_eight_bits(path: str | Path) -> UInt8 | None:
     """Read the 8-bit pixels of a .png or .jpg: (H, W, 3) or, with alpha, (H, W, 4), row 0 at the top.
 
-    Returns None for other files, or other than 8 bits. Raises ImageError as `read_image` does.
+    Returns None for other formats, and for images that have not 8 bits per channel. Raises ImageError as
+    `read_image`.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -396,7 +401,7 @@ def _check_pillow(path: Path, suffix: str, pixel_bytes: int) -> None:
 
 
 def check_scans(data: bytes) -> None:
-    """Raise ValueError for a JPEG with implausibly many scans; other data pass.
+    """Raise ValueError for a JPEG with implausibly many scans; data of other formats are accepted.
 
     Source: ITU-T T.81, annex B.
     """
@@ -441,14 +446,14 @@ def _read_exr(path: Path, convert: bool = True) -> Float64:
 
 
 def _rec709_from(chromaticities: Float64) -> Float64:
-    """Return the (3, 3) matrix to linear Rec. 709 from other primaries; their white becomes white.
+    """Return the (3, 3) matrix from RGB with other primaries to linear Rec. 709; their white point maps to D65.
 
     chromaticities : (8,) x and y of red, green, blue and white
 
     Sources: SMPTE RP 177-1993 (XYZ from RGB); Lam 1985, the Bradford adaptation, as of ICC.1:2022, annex E.
     """
     cone = [_BRADFORD @ _xyz_from_rgb(each) for each in (chromaticities, np.array(REC709_CHROMATICITIES))]
-    theirs, ours = (each.sum(axis=1) for each in cone)  # of their whites
+    theirs, ours = (each.sum(axis=1) for each in cone)  # cone responses of the two white points
     matrix = np.linalg.solve(cone[1], (ours / theirs)[:, None] * cone[0])
     if not np.isfinite(matrix).all():
         raise ValueError(f"its chromaticities {chromaticities.round(4).tolist()} are not those of colours")
@@ -523,7 +528,7 @@ def _check_exr_entries(data: mmap.mmap) -> None:
 
 @contextmanager
 def _openexr(path: Path, flags: int = os.O_RDONLY) -> Iterator[str]:
-    """Yield a name of `path` for OpenEXR, which accepts only UTF-8. Lines that it prints on errors are removed."""
+    """Yield a name of `path` in UTF-8, as OpenEXR needs. Lines that OpenEXR prints on errors are suppressed."""
     with ExitStack() as stack:
         name = str(path)
         if name.encode(errors="surrogateescape") != name.encode(errors="replace"):

@@ -14,7 +14,7 @@ from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER, check_probe
 from glpath.film.image import check_exposure
 from glpath.film.units import UNITS, Unit
 
-# Types of the metadata's fields in a file.
+# Required types when a file is read, by the names of the metadata's fields.
 _METADATA_TYPES: dict[str, type | UnionType] = {
     "scene scene_hash integrator device stop_rule unit": str,
     "seed": int,
@@ -24,10 +24,10 @@ _METADATA_TYPES: dict[str, type | UnionType] = {
     "settings versions statistics": dict,
     "error_bound solution_error": int | float | None,
 }
-# Statistics that are counts or times, and those that are mappings to counts or times.
+# Statistics that are a single count or time, and statistics that map names to counts or times.
 _COUNTS = ("paths_cast", "paths_lost", "paths_cut", "dropped_samples", "radiosity_s")
 _COUNTS_BY_NAME = ("stage_ms", "intersection_tests")
-# Fields that must be equal for merging, with their names in messages; settings are compared by name.
+# Fields that must be equal in films to be merged, with their names in messages. Settings are compared one by one.
 _DECIDES = {
     "scene_hash": "scene",
     "integrator": "integrator",
@@ -131,7 +131,7 @@ class FilmMetadata:
 
     @property
     def aov_sums(self) -> dict[str, int]:
-        """Sums from which the AOVs are made, with their number of values per pixel."""
+        """Names of the sums from which the AOVs are made, with each sum's number of values per pixel."""
         return sums_of(self.aovs)
 
     @property
@@ -231,7 +231,7 @@ def _refuse(constant: str) -> None:
 
 
 def _plain_values(value: object) -> bool:
-    """Return True if a value consists of texts, finite numbers, and mappings and lists of these."""
+    """Return True if a value consists of texts, finite numbers, lists of finite numbers, and mappings of these."""
     if isinstance(value, Mapping):
         return all(map(_plain_values, value.values()))
     if isinstance(value, list):
@@ -240,7 +240,7 @@ def _plain_values(value: object) -> bool:
 
 
 def joined(ours: str, theirs: str) -> str:
-    """Return the union of names that are joined by " + "."""
+    """Return the union of two sets of names; each text has its names joined by " + "."""
     return " + ".join(sorted({*ours.split(" + "), *theirs.split(" + ")} - {""}))
 
 
@@ -248,7 +248,7 @@ def merged_values(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[st
     """Return merged values: numbers and lists of numbers are added, mappings merged, differing texts joined."""
     merged = dict(ours)
     for key, value in theirs.items():
-        # All parts of a render have the same probes.
+        # All parts of a render have the same bias probe, so equal probes are not added.
         if key not in ours or (key in (BIAS_PROBE, REJECTED_GATHER) and value == ours[key]):
             merged[key] = value
         elif isinstance(value, Mapping) and isinstance(ours[key], Mapping):
@@ -265,7 +265,7 @@ def merged_values(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[st
 
 
 def differences(ours: FilmMetadata, theirs: FilmMetadata) -> list[tuple[str, str, str]]:
-    """Return the fields that determine the image and differ: name, our value, their value, as texts.
+    """Return the fields that prevent merging: (name, our value, their value), as texts.
 
     The list is empty if films of both can be merged.
     """
@@ -282,6 +282,6 @@ def differences(ours: FilmMetadata, theirs: FilmMetadata) -> list[tuple[str, str
 
 
 def shown(value: object) -> str:
-    """Return a value for a message, shortened if it is long."""
+    """Return a value as text for a message, cut to 200 characters."""
     text = value if isinstance(value, str) else json.dumps(value)
     return text if len(text) <= 200 else text[:197] + "..."

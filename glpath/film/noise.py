@@ -1,4 +1,4 @@
-"""Upper bound of an image's distance from the converged one, at a given confidence, from the spread of its batches.
+"""Upper bound of an image's error against the converged image, at a given confidence, from its batches' spread.
 
 The mean squared error of an image is sigma² on average; the spread between B batches gives an estimate s² of it.
 The ratio of this image's error to s² depends on its number of independent errors. If pixels err independently,
@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 
 #: Minimum number of batches for an error estimate.
 MIN_BATCHES = 4
-#: Squared radiance added to the divisor of relative errors, for dark pixels, as in `compare.relative_mse`.
+#: Squared radiance added to the divisor of squared relative errors, as in `compare.relative_mse`, for dark pixels.
 FLOOR = 0.01
 
 
 def error_bound(sums: NDArray[np.float64], counts: NDArray[np.int64], confidence: float) -> float:
-    """Return the bound of sqrt(mean of e² / (mean² + 0.01)) of an image.
+    """Return the upper bound, at `confidence`, of an image's error sqrt(mean of e² / (mean² + 0.01)).
 
     sums   : (B, H, W, 3) float64, radiance summed over the path sets of each batch, W sr^-1 m^-2; B of at least
              MIN_BATCHES
@@ -45,7 +45,7 @@ def error_bound(sums: NDArray[np.float64], counts: NDArray[np.int64], confidence
     batches, total = len(counts), int(counts.sum())
     all_sums = sums.sum(axis=0)
     mean = all_sums / total
-    # (B, P): all rows have the same variance, that of a single path set.
+    # (B, P), for P values in the image. The factor sqrt(count) gives every row the variance of a single path set.
     spread = np.empty((batches, mean.size))
     for row, one, count in zip(spread, sums, counts, strict=True):
         others = (all_sums - one) / (total - count)
@@ -63,13 +63,14 @@ def error_bound(sums: NDArray[np.float64], counts: NDArray[np.int64], confidence
 
 
 def standard_error(sums: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the standard error of each mean, from the differences of batches.
+    """Return the (...) standard errors of the means over all path sets, from the differences between batches.
 
     sums   : (B, ...) float64 sums over the path sets of each batch
     counts : (B,) number of path sets of each batch; 0 for an empty one
 
     For eight batches, the standard error itself is accurate to a quarter. It is NaN for fewer than two batches.
-    Batches of Sobol points converge faster than they show, so the true error is smaller.
+    With Sobol points, the mean converges faster than the differences between batches show, so the true error is
+    smaller.
     """
     there = counts > 0
     sums, counts = sums[there], counts[there]

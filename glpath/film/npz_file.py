@@ -22,7 +22,7 @@ from glpath.system.npz import open_npz
 
 #: Format number of the file; other formats are rejected. A film without a number has format 1.
 FORMAT = 1
-# Largest sum of radiance whose square is finite.
+# Largest sum of radiance accepted from a file; the square of this sum is still finite.
 _LARGEST_SUM = 1e150
 
 
@@ -38,7 +38,7 @@ class FilmParts(NamedTuple):
 
     @classmethod
     def empty(cls, metadata: FilmMetadata) -> FilmParts:
-        """Return empty sums for the metadata's window."""
+        """Return a film without path sets, for the metadata's window."""
         _, _, width, height = metadata.window
         sums = np.zeros((BATCHES, height, width, 3))
         aovs = {name: np.zeros((height, width, n)) for name, n in metadata.aov_sums.items()}

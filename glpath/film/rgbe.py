@@ -1,4 +1,4 @@
-"""Images of Radiance (.hdr, .pic): colours as three 8-bit mantissas and one exponent.
+"""Image files of the renderer Radiance (.hdr, .pic): colours as three 8-bit mantissas and one exponent.
 
 Source: Ward 1991, Real pixels (Graphics Gems II); Radiance's color.c and resolu.c, for the formats of its lines.
         Values are mantissa times 2^(exponent - 136), as in most programs; Radiance itself adds half a mantissa.
@@ -18,18 +18,18 @@ from glpath.system.npz import check_unfolded
 
 _LONGEST_HEADER = 1 << 16
 _RESOLUTION = re.compile(rb"([-+][XY]) (\d{1,9}) ([-+][XY]) (\d{1,9})\n?")
-# Minimum length of run-length encoded lines. Shorter lines gain nothing.
+# Minimum width in pixels of run-length encoded lines. Narrower lines are always stored flat.
 _MIN_ENCODED = 8
-# Maximum length of run-length encoded lines. Longer lengths do not fit into two bytes.
+# Maximum width in pixels of run-length encoded lines. The two bytes for the width cannot hold more.
 _MAX_ENCODED = 0x7FFF
 
 
 class Header(NamedTuple):
-    """Header before the pixels.
+    """Header of a .hdr file, which precedes the pixels.
 
     size     : (width, height), pixels
-    flips    : True if columns go to the left; True if rows go up
-    exposure : factor that the values were multiplied by
+    flips    : True if columns run from right to left; True if rows run from bottom to top
+    exposure : factor by which the stored values were multiplied
     """
 
     size: tuple[int, int]
@@ -82,7 +82,7 @@ def read_rgbe(path: Path) -> NDArray[np.float32]:
 
 
 def _read_line(data: bytes, position: int, row: NDArray[np.uint8]) -> int:
-    """Fill a line (w, 4) from the data, and return the start of the next line."""
+    """Decode the line that starts at `position` into `row` (w, 4), and return the start of the next line."""
     width = len(row)
     head = data[position : position + 4]
     encoded = head[:2] == b"\2\2" and _MIN_ENCODED <= width <= _MAX_ENCODED and head[2] < 128
@@ -110,7 +110,7 @@ def _read_line(data: bytes, position: int, row: NDArray[np.uint8]) -> int:
 
 
 def _read_flat_line(data: bytes, position: int, row: NDArray[np.uint8]) -> int:
-    """Fill a line from pixels of four bytes, and return the start of the next line.
+    """Decode a line of four-byte pixels from `position` into `row`, and return the start of the next line.
 
     A pixel (1, 1, 1, n) repeats the previous pixel n times. Each further such pixel directly after it counts 256
     times as much.

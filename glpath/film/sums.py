@@ -1,11 +1,11 @@
-"""Sums of radiance and of AOVs, and their numbers of path sets.
+"""Sums of radiance and of AOVs over path sets, and the number of path sets in each sum.
 
 They are sums, not means, so that resuming a render and merging renders are additions. Sums from a path tracer are
 multiples of one power of two, small enough for float64 to add them without rounding. So path sets 0..64 equal 0..32
 merged with 32..64, bit for bit, in any order.
 
 Sums are kept in separate batches (`glpath.film.batches`), because the error of an image is estimated from
-differences between sets.
+differences between batches.
 
 Cost:     24 bytes per pixel and batch: 50 MB for 512 x 512.
 """
@@ -53,7 +53,7 @@ class FilmSums:
         radiance_sum: NDArray[np.floating[Any]],
         aov_sums: Mapping[str, NDArray[Any]] = MappingProxyType({}),
     ) -> None:
-        """Add the sum (H, W, 3) over the path sets start..stop (half-open), which are in one block (see `blocks`).
+        """Add the sum (H, W, 3) over path sets start..stop (half-open), which must lie in one block (see `blocks`).
 
         aov_sums : sums over the same path sets for each of the film's `aov_sums`. If the film counts shapes,
                    "shapes" (H, W, stop - start) has the number + 1 of the shape that each sample has hit, 0 for
@@ -213,10 +213,11 @@ class FilmSums:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for pickle without empty batches: eight path sets of a worker are in one of eight."""
+        """Return the state for pickle, without empty batches: a worker's eight path sets fill only one batch."""
         used = self.batch_counts > 0
-        sums = self.radiance_sums if used.all() else self.radiance_sums[used]  # 400 MB need not be copied
-        # Fields that are derived, or belong to this process, are not pickled.
+        # Full sums, which may have 400 MB, are not copied.
+        sums = self.radiance_sums if used.all() else self.radiance_sums[used]
+        # Fields that are derived from others, or belong to this process, are not pickled.
         derived = {each.name: None for each in fields(self) if not each.init}
         return {**vars(self), "radiance_sums": sums, **derived}
 

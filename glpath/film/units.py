@@ -16,7 +16,8 @@ from typing import Literal, get_args
 Unit = Literal["radiometric", "photometric"]
 UNITS: tuple[Unit, ...] = get_args(Unit)
 
-#: Lumens per watt of white light, with three equal channels: the value by which Radiance scales measured lamps.
+#: Lumens per watt of white light (three equal channels). The renderer Radiance converts measured lamps by this
+#: value.
 EFFICACY = 179.0
 
 Quantity = Literal["power", "intensity", "radiance", "irradiance"]
@@ -28,7 +29,7 @@ _SYMBOLS: dict[Unit, dict[Quantity, str]] = {
 
 
 def conversion(given: Unit, wanted: Unit) -> float:
-    """Return the conversion factor from one unit to the other."""
+    """Return the factor that converts a value in unit `given` to unit `wanted`."""
     if given == wanted:
         return 1.0
     return EFFICACY if wanted == "photometric" else 1.0 / EFFICACY

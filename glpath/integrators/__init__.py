@@ -1,1 +1,1 @@
-"""Where the passes are put in order: one module per integrator, each with its frame in one function."""
+"""Integrators: one module for each, which calls the passes of a frame in order, in one function."""

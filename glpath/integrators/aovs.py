@@ -1,14 +1,15 @@
 """AOVs: properties of the visible surfaces, summed over the path sets as radiance is.
 
-They use the same eye rays as the image, so edges are as soft in them as in the image. All sums are whole numbers of
-quanta, exact in any order. The CPU counts the visible shapes, because their number is not limited.
+AOVs use the same eye rays as the image, so edges are as soft in them as in the image. All sums are integers, in
+units of a quantum, so they are exact in any order. The CPU counts the visible shapes, because their number is not
+limited.
 
 Cost:     a draw over the pixels for each path set. Albedo and normal, or depth and position, or ids, add some 3 %
           of processor time to a set of `cornell-box-36`; all AOVs with direct light add 14 %. Nothing if no AOV is
           requested.
-Poor at:  mirrors and clear glass: position and name are their own, not those of the reflected surfaces. Albedo and
-          normal are those of the reflected surfaces if rays are cast (`path`, `gather`). Otherwise they are the
-          mirror's own, and a denoiser blurs the reflection.
+Poor at:  mirrors and clear glass: position and ids are those of the mirror or glass, not of the surface seen in it.
+          Albedo and normal are those of the surface seen in it if rays are cast (`path`, `gather`). Otherwise they
+          are the mirror's own, and a denoiser blurs the reflection.
 Source:   Open Image Denoise, documentation of the RT filter: albedo and normal, along delta paths.
 """
 
@@ -36,25 +37,25 @@ from glpath.integrators.settings import IntegratorSettings
 
 Uniforms = dict[str, object]
 
-# Number of quanta per unit in sums of AOVs.
+# Sums of albedo and normals are integers; this is the number of quanta per unit.
 _QUANTA = 1 << 20
 # Maximum number of path sets that a 32-bit word can sum. Values are at most 2, because normal coordinates are
 # stored plus 1 (`shaders/film/aov.glsl`).
 _MAX_PATH_SETS = (1 << 11) - 1
-# Bits per position: float precision plus the range that infinite planes need beyond the scene.
+# Bits of a position's coordinate: float precision plus the range that infinite planes need beyond the scene.
 _POSITION_BITS = 36
-#: Maximum distance of recorded positions, in extents of the scene about the world's origin.
+#: Maximum distance of recorded positions from the world's origin, as a multiple of the scene's greatest distance.
 FARTHEST = 1024
-# Maximum texture coordinate, enough for a tiled floor.
+# Largest texture coordinate that is summed, enough for a tiled floor; larger ones are clamped.
 _UV_EXTENT = 2.0**12
-# Number of path sets whose shapes are read back together.
+# Number of path sets whose shapes are collected on the device before they are read back together.
 _SETS_READ = 8
 
 
 def light_aovs(
     settings: IntegratorSettings, sums: PixelSums, dropped: NDArray[np.integer[Any]]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the sums of the AOVs of light for `Film.add`, after radiance was taken.
+    """Return the sums "dropped" and "direct" for `Film.add`, if AOVs need them. Call it after radiance was taken.
 
     dropped : (h, w) number of samples that were not finite
     """
@@ -67,9 +68,10 @@ def light_aovs(
 class Seen:
     """First hit of every pixel of a window.
 
-    buffer  : (w, h) uint, the primitive + 1, 0 for none; with two components, the second has the bits of its t
+    buffer  : (w, h) uint, the primitive's number + 1, 0 for none; with two components, the second has the bits of
+              its t
     defines : defines of the sensor, see `gl.camera.camera_defines`
-    hit_records : records of streamed triangles, by the name in GLSL, if the scene has such
+    hit_records : records of streamed triangles, by the name in GLSL, if the scene has streamed triangles
     bvh     : BVH for the albedo and normal of surfaces behind mirrors and clear glass; None to use their own
     """
 
@@ -91,7 +93,7 @@ class EyeAovs:
         self._gl, self._names, self._size = gl, set(names), seen.buffer.size
         groups = {name: group for name, group in GROUPS.items() if not self._names.isdisjoint(group.aovs)}
         sums = [name for group in groups.values() for name in group.sums]
-        # Depends only on the scene, so that films by several cameras, and crops, have the same quantum.
+        # The extent depends only on the scene, so that films by several cameras, and crops, have the same quantum.
         extent = FARTHEST * (float(np.linalg.norm(scene.centre)) + scene.radius)
         self._position_quanta = 2.0 ** min(_POSITION_BITS - int(np.ceil(np.log2(extent))), 120)
         self._uniforms = {
@@ -108,7 +110,8 @@ class EyeAovs:
         textures = {**scene.textures, "eye_buffer": seen.buffer, **seen.hit_records}
         self._pass: InTurn[Pass] | None = None
         if groups:
-            # Numbers of each group's first and second output, computed here because GLSL 4.30 cannot add them.
+            # Output numbers of each group's two sums, as defines, because a layout in GLSL 4.30 cannot contain an
+            # addition.
             outputs = {name: sums.index(group.sums[0]) for name, group in groups.items()}
             outputs |= {f"{name}_1": outputs[name] + 1 for name, group in groups.items() if len(group.sums) > 1}
             parts = ProgramParts.of(scene)
@@ -148,7 +151,7 @@ class EyeAovs:
         return cls(asked, seen) if asked else None
 
     def add(self, eye: Uniforms) -> None:
-        """Add a path set, whose eye buffer is filled."""
+        """Add a path set, after its eye buffer was filled."""
         if self._pass is not None:
             if self._path_sets == _MAX_PATH_SETS:
                 self._collect()
@@ -184,11 +187,12 @@ class EyeAovs:
         self._shape_sets = []
 
     def _collect(self) -> None:
-        """Add the device's sums to the collected ones, and clear them on the device."""
+        """Move the sums from the device to the sums on the CPU: add them there, and clear them on the device."""
         sums = {name: self._read(texture) for name, texture in self._sums.read.items()}
         if "sum_first" in sums:
             first, second = (sums[name].astype(np.float64) for name in ("sum_first", "sum_second"))
-            # Samples that were not finite are not in the sum, so the offset of 1 isn't either.
+            # Normals are stored plus 1. This offset is subtracted only for finite samples; others are not in the
+            # sum.
             normal = np.concatenate([first[..., 3:], second[..., :2]], axis=2) / _QUANTA
             self._add("albedo", first[..., :3] / _QUANTA)
             self._add("normal", normal - (self._path_sets - second[..., 3:]))
@@ -245,9 +249,10 @@ class EyeAovs:
 
 
 def _joined(low: NDArray[np.uint32], high: NDArray[np.uint32]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return integer sums (h, w, 4) from their two words, and the number of addends (h, w, 1) (`add_exactly`)."""
+    """Return integer sums (h, w, 4) of low and high words, and the number of hits (h, w, 1); see `add_exactly`."""
     hits = (high[..., 3:] >> HITS_SHIFT).astype(np.float64)
     last = (high[..., 3:] & ((1 << HITS_SHIFT) - 1)).astype(np.int64)
-    # The upper word has the sign; the last number is unsigned.
+    # The high words of the first three numbers are signed. The last number is unsigned and shares its word with the
+    # hits.
     upper = np.concatenate([high[..., :3].view(np.int32), last], axis=2)
     return (upper << 32) + low.astype(np.int64), hits

@@ -1,8 +1,8 @@
 """Emitter silhouette antialiasing: each path set samples the pixels at an emitter's edge at several points.
 
-An emitter is a hundred times as bright as the surfaces that it lights. Each set samples its edge at the same
-position in all pixels. In a denoised image this is most of the remaining error. Eight more rays for these few
-pixels cost very little. Illumination by emitters is not affected.
+An emitter is a hundred times as bright as the surfaces that it lights. Without antialiasing, each path set samples
+the edge at one position, the same in all pixels. In a denoised image, this causes most of the remaining error.
+Eight more rays for these few pixels cost very little. Illumination by emitters is not affected.
 
 Cost:     five views of the scene for each window, and a draw of the edge pixels for each set.
 Poor at:  emitters narrower than a pixel; some pixels at their edges are not found and are sampled normally.
@@ -26,7 +26,7 @@ from glpath.gl.variants import defined
 from glpath.sampling import Sampling
 from glpath.sampling.points import pixel_samples
 
-#: Number of samples of a pixel in each path set, a power of two.
+#: Number of samples of an edge pixel in each path set, a power of two.
 SUBSAMPLES = 8
 # Positions in a pixel at which edges are searched, x to the right and y down. An edge through a pixel has some of
 # the pixel's corners on one side and some on the other. All path sets use the same positions, so that the samples
@@ -61,8 +61,9 @@ class EmitterSilhouettes:
             **bvh.uniforms,
         }
         emits = np.array([shape.emits for shape in scene.scene.shapes], bool)
-        self._shines = np.append(emits[scene.scene.triangle_shape], False)  # last: no hit
-        # Edge pixels lie side by side, because a device shades them in squares.
+        self._shines = np.append(emits[scene.scene.triangle_shape], False)  # the last entry is for no hit
+        # Edge pixels are packed side by side, in a square as small as possible, because a device shades pixels in
+        # squares.
         self._max_across = -(-math.isqrt(size[0] * size[1]) // 8) * 8 + 8
         square = (self._max_across,) * 2
         self.textures = {
@@ -103,7 +104,7 @@ class EmitterSilhouettes:
         seen_from : function from a position in the pixels to the index of each pixel's visible triangle, (h, w), -1
                     for none
         """
-        # Instances do not emit; their triangles have numbers beyond all others.
+        # Triangles of instances have numbers beyond the table. They do not emit, so they take its last entry.
         shines = [self._shines[np.minimum(seen_from(np.array(at)), len(self._shines) - 1)] for at in _SEARCH]
         edges = np.any(shines, axis=0) & ~np.all(shines, axis=0)
         y, x = np.nonzero(edges[::-1])
@@ -118,7 +119,7 @@ class EmitterSilhouettes:
         self._pass.area = (0, 0, across, int(row.max(initial=-1)) + 1)
 
     def see(self, index: int, sample: NDArray[np.float64], eye: Mapping[str, object]) -> None:
-        """Sample a path set's light. sample: the set's own position in the pixels, for which `eye` was computed."""
+        """Sample the edge pixels for a path set. sample: position in the pixels for which `eye` was computed."""
         if self._pass.area is None or not self._pass.area[3]:
             return
         if self._sampling == "random":

@@ -26,7 +26,7 @@ Window = tuple[int, int, int, int]
 
 
 class Engine(Owner, ABC):
-    """Path sets of one window of the image.
+    """Base class of engines, which trace path sets of one window of the image.
 
     Constructors store their arguments; `prepare` allocates on the device, before all other calls. Subclasses define
     `prepare` and `trace_path_set`.
@@ -75,7 +75,7 @@ class Engine(Owner, ABC):
         self.window = window
 
     def look_from(self, sensor: Sensor) -> None:
-        """Start paths at another sensor of the same resolution. Raises UsageError for one of another kind."""
+        """Start paths at another sensor of the same resolution. Raises UsageError if its `_kind_of` differs."""
         assert sensor.resolution == self.sensor.resolution, f"a sensor of {sensor.resolution} pixels"
         _check_same_kind(self._kind_of(self.sensor), self._kind_of(sensor))
         self.sensor = sensor
@@ -112,7 +112,7 @@ class Engine(Owner, ABC):
         self._dropped = 0
         self.stopwatch.milliseconds.clear()
 
-    # Parts of frames.
+    # Helpers for subclasses.
 
     def _add_aovs(self, eye: Uniforms) -> None:
         if self._aovs is not None:
@@ -120,10 +120,10 @@ class Engine(Owner, ABC):
                 self._aovs.add(eye)
 
     def _count(self, readback: Readback) -> None:
-        """Add the engine's other counts, which its shaders sum beside radiance."""
+        """Add the counts that an engine's shaders sum together with radiance; by default there are none."""
 
     def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
-        """Return the kind of sensor that programs and passes are made for."""
+        """Return the properties of a sensor that programs and passes are made for."""
         return (*sensor.kind, None)
 
 

@@ -58,7 +58,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
     With cast "path-buffer" it is the paper's local pass; its `directions` are a setting for experiments.
 
     or_path : take "path" instead if the measured bias is too large, as `auto` does
-    refined : True if the solution has finer elements than by default, because the bias was too large with those
+    refined : True if the solution has finer elements than by default, because those had too large a bias
     """
 
     integrator = "gather"
@@ -70,7 +70,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
         "directions": 'With cast="path-buffer" all paths of a set share directions, each takes the better of two.',
     }
 
-    # Fixed for a gather, because its solution belongs to the scene itself and has light of all bounces.
+    # Not options of a gather, because its solution is for the scene itself and has light of all bounces.
     bounce_lod: ClassVar[None] = None
     ambient: ClassVar[Rgb] = (0.0, 0.0, 0.0)
 
@@ -151,7 +151,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
         return True
 
     def roulette_from(self, mirrored: bool) -> int | None:
-        """Return the vertex from which on roulette ends paths by mirrors and glass, and paths in gaps."""
+        """Return the vertex where roulette starts for paths without look-up: by mirrors and glass, and in gaps."""
         return ROULETTE_OF_GATHER
 
     def lookup_uniforms(self) -> dict[str, object]:

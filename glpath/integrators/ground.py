@@ -22,13 +22,13 @@ Float64 = NDArray[np.float64]
 
 # Number of ray directions in a path set; each pixel takes a random one.
 _DIRECTIONS = 16
-# Steps of the three-dimensional sequence over path sets: powers of the root of x^4 = x + 1 [Roberts 2018].
+# Steps of the three-dimensional sequence over path sets: inverse powers of the root of x^4 = x + 1 [Roberts 2018].
 _SET_STEP = np.array([0.8191725134, 0.6710436067, 0.5497004779])
-# Steps of the three-dimensional sequence over directions: fractional parts of square roots.
+# Steps of the three-dimensional sequence over the directions of a set: fractional parts of square roots.
 _DIRECTION_STEP = np.sqrt([2.0, 3.0, 5.0]) % 1.0
-# Height of the map for a sky without an image, texels.
+# Height, in texels, of the environment map that stands for a sky without an image.
 _HEIGHT = 32
-# Width of the map for a sky without an image, texels.
+# Width, in texels, of the environment map that stands for a sky without an image.
 _WIDTH = 64
 
 
@@ -55,14 +55,14 @@ class Ground:
         return cls(background, sky, seed)
 
     def of_set(self, index: int) -> dict[str, object]:
-        """Return the uniforms of a path set."""
+        """Return the uniforms of a path set: its ray directions towards the light."""
         numbers = np.arange(_DIRECTIONS)[:, None] * _DIRECTION_STEP
         u = (self._first + index * _SET_STEP + numbers) % 1.0
         return {"ground_lights": self._light.directions(u).astype(np.float32).tobytes()}
 
 
 def _light_from_above(sky: Sky | Environment, up: Float64) -> Environment:
-    """Return the sky with radiance times the cosine to the ground, proportional to its light on the ground."""
+    """Return the sky with radiance times the cosine at the ground, proportional to its irradiance there."""
     height, width = (_HEIGHT, _WIDTH) if isinstance(sky, Sky) else sky.image.shape[:2]
     empty = Environment(np.zeros((height, width, 3), np.float32), up)
     theta = (np.arange(height) + 0.5)[:, None] * (np.pi / height)

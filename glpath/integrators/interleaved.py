@@ -1,4 +1,4 @@
-"""Four images of every second pixel across and down, each with its own path sets, combined into one.
+"""Combine four images into one; each has every second pixel across and down, and its own path sets.
 
 The paths of a set share their directions and a light sample. The error of a set is therefore smooth over the image,
 and a denoiser takes it for image content. If neighbouring pixels belong to different sets, the error becomes noise,
@@ -26,12 +26,12 @@ from glpath.integrators.settings import PathSetSettings
 from glpath.sampling.points import counter_hash
 from glpath.sensors.sensor import CameraSensor, Sensor
 
-# Offsets of each image's first pixel, right and down.
+# Position of each image's first pixel in the window: pixels to the right, pixels down.
 _OFFSETS = ((0, 0), (1, 0), (0, 1), (1, 1))
 
 
 class Interleaved(Engine):
-    """Path sets of four engines, one for every second pixel; see `Engine` for the other parameters.
+    """Engine made of four engines, each for every second pixel across and down; see `Engine` for other parameters.
 
     make : constructor of an engine for every second pixel of a window, like `path_engine`
     """

@@ -61,16 +61,16 @@ class PathBufferTracer(PathBufferStages):
     def trace_path_set(self, index: int) -> None:
         """Trace one path for every pixel [PB table 3]."""
         sample = self._sampler[index]
-        self.move_to(index)  # moving objects, to the set's time
+        self.move_to(index)  # moves objects to the time of the path set
         light = self.light_from(index, sample.light)
         self.start_at_eye(index, sample, light)
         self.light_from_infinity(index, 0, light, last=self.settings.max_depth == 1)
         for depth in range(1, self.settings.max_depth):
-            scan = self.scan_positions(index, depth, sample)  # z0 of every live path
+            scan = self.scan_positions(index, depth, sample)  # z0 of every live path: where its ray starts
             self.scan_scene(depth, scan)  # the nearest surface beyond z0
             last = depth == self.settings.max_depth - 1 or self._all_ended(depth)
             self.advance(index, depth, sample, light, scan, last)  # radiance, throughput, new positions
-            self.light_from_infinity(index, depth, light, last)  # shadows of parallel light, by another scan
+            self.light_from_infinity(index, depth, light, last)  # shadows of distant light, by a scan of their own
             if last:
                 break
 

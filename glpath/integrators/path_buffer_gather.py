@@ -66,7 +66,7 @@ class PathBufferGather(PathBufferStages):
             offset=offset,
         )
         self._radiosity = radiosity
-        # Otherwise all light is looked up, and its shadows need no scan.
+        # If False, all light is looked up, so the light sample's shadows need no scan.
         self._lit = settings.direct_light == "traced" or settings.lookup_distance > 0
 
     def _prepare_stages(self) -> None:
@@ -91,14 +91,14 @@ class PathBufferGather(PathBufferStages):
         self.start_at_eye(index, sample, light)
         self.light_from_infinity(index, 0, light)
         for depth in range(1, self.settings.lookup_depth):
-            scan = self.scan_positions(index, depth, sample)  # z0 of every live path
+            scan = self.scan_positions(index, depth, sample)  # z0 of every live path: where its ray starts
             self.scan_scene(depth, scan)  # the nearest surface beyond z0
             if depth < self.settings.lookup_depth - 1:
                 self.advance(index, depth, sample, light, scan, last=False)
                 self.light_from_infinity(index, depth, light)
         again = depth < self._bounces()
         self.look_up(index, depth, sample, light, scan, last=not again)  # the solution's irradiance
-        if again:  # for paths too short for the look-up
+        if again:  # for paths that were too short for the look-up
             scan = self.scan_positions(index, depth + 1, sample)
             self.scan_scene(depth + 1, scan)
             self.look_up(index, depth + 1, sample, light, scan, last=True)
@@ -108,7 +108,7 @@ class PathBufferGather(PathBufferStages):
     ) -> None:
         """Add direct light, emission, and reflected radiosity at the scanned vertex; then update the sums.
 
-        last : False if paths that are too short continue instead
+        last : True if the look-up ends all paths; False if those too short for it continue
         """
         goes_on = depth < self._bounces()
         uniforms = {
@@ -124,7 +124,7 @@ class PathBufferGather(PathBufferStages):
             self.light_from_infinity(index, depth, light, last)
 
     def _constant_uniforms(self) -> Uniforms:
-        # No ambient light is assumed beyond the last vertex.
+        # Beyond the last vertex, the solution has all light, so no ambient light is assumed.
         return super()._constant_uniforms() | {"ambient": (0.0, 0.0, 0.0)}
 
     def _bounces(self) -> int:

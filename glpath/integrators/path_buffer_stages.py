@@ -1,4 +1,4 @@
-"""Stages of a path set, for any order [PB 3, appendix B].
+"""Stages of a path set on the path-buffer, which engines call in the order of their frame [PB 3, appendix B].
 
 A path set is one path for every pixel. Its paths share their directions and one light sample, so a bounce is one
 scan of the path-buffer, and direct light is one shadow-buffer. `PathBufferTracer` and `PathBufferGather` are frames
@@ -6,12 +6,12 @@ made of these stages; they differ in the treatment of a path's last vertex.
 
 Differences from the paper, and reasons:
 
-- A set has two directions a bounce. Each serves both hemispheres, because a path flips it to its visible side. A
-  path takes the direction nearer to its normal, so the density is the cosine over pi: importance sampling by a
-  single comparison. `directions="hemisphere"` has one direction, density 1/(2 pi). `"lattice"` has one for the
-  first bounce, a point of an extensible lattice: indirect light at the visible surfaces is mainly a smooth integral
-  over the hemisphere, which a lattice samples best. `"sphere"` is the paper's, 1/(4 pi), which loses every other
-  path.
+- A set has two directions a bounce. Each serves both hemispheres, because a path reverses a direction that points
+  behind its surface. A path takes the direction nearer to its normal, so the density is the cosine over pi:
+  importance sampling by a single comparison. `directions="hemisphere"` has one direction, density 1/(2 pi).
+  `"lattice"` has one for the first bounce, a point of an extensible lattice. Indirect light at the visible surfaces
+  is mainly a smooth integral over the hemisphere, which a lattice samples best. `"sphere"` is the paper's,
+  density 1/(4 pi), which loses every other path.
 - Light samples and directions, except the lattice's, come from a scrambled Sobol sequence; `sampling="random"` is
   the paper's, for all of them.
 - Both the light sample and the direction can find an emitter. They are weighted by the power heuristic (Veach
@@ -57,8 +57,8 @@ from glpath.sampling.points import (
 )
 from glpath.scene.simplify import density_of, simplified
 
-# Distance from its start within which a path from the visible surface hits nothing, in deviations of the simplified
-# surface. It is above 1 because paths may leave at a grazing angle.
+# A path from the visible surface hits nothing within this distance of its start, in multiples of the simplified
+# surface's deviation. It is above 1 because paths may leave at a grazing angle.
 _SKIPPED = 4.0
 
 _STATE = ("path_position", "path_beta", "path_radiance")
@@ -68,8 +68,8 @@ _STATE = ("path_position", "path_beta", "path_radiance")
 class PathStates:
     """Paths of a set after one of their vertices.
 
-    position : world space, with the direction code in w; see path_buffer/path_state.glsl
-    light    : light gathered by the paths: radiance, and direct light if it is split
+    position : world space, with the direction code in w; see path/path_state.glsl
+    light    : textures of the light gathered by the paths: radiance, and direct light if it is summed separately
     target   : framebuffer of a pass that computes each path's next vertex
     textures : textures of a pass that reads the states
     """
@@ -84,9 +84,11 @@ class PathStates:
 class VertexPasses:
     """Passes of one stage of the frame.
 
-    inner : passes from states to states; None if no path continues
-    last  : passes from states to the sums, for each state of both pairs; None if no path ends
-    unlit : True if the last passes write states too, because their light from infinity follows later
+    inner : passes from path states to new path states; None if no path continues
+    last  : passes from path states to the film's sums, by the current half of the pairs of states and of sums; None
+            if no path ends
+    unlit : True if the last passes write path states instead of sums, because light from infinity is added
+            afterwards
     """
 
     inner: InTurn[Pass] | None
@@ -107,7 +109,7 @@ class SetLight:
 
 
 class PathBufferStages(PathSetEngine):
-    """Stages of one window of the image; subclasses define `trace_path_set`.
+    """Stages of path sets for one window of the image; subclasses define `trace_path_set`.
 
     offset : offset of the first pixel, right and down, if the engine computes only every second pixel across and
              down; see `interleaved`. `PathSetEngine` has the other parameters
@@ -144,7 +146,7 @@ class PathBufferStages(PathSetEngine):
             if simpler
             else self.shadow_buffer
         )
-        # All paths share one direction, so each scan has one view of it.
+        # All shadow rays to distant light have one direction, so their scan needs only one view.
         distant = _cells(settings.cell_share, size)
         self._distant_buffer = PathBuffer(gl, scene, size, distant, occlusion=True) if lights.infinite else None
         self._deep_distant = (
@@ -174,7 +176,7 @@ class PathBufferStages(PathSetEngine):
     # Stages, in the order of a frame.
 
     def light_from(self, index: int, u: NDArray[np.float64]) -> SetLight:
-        """Draw a light sample, and fill its shadow-buffer if it has a position [PB 3.3]."""
+        """Draw a light sample, and fill its shadow-buffer unless the light is at infinity [PB 3.3]."""
         light = NO_LIGHT if self.lighting.dark else self.lighting.sample(u)
         roll = 2.0 * np.pi * counter_hash(self.settings.seed, index, 0, 1) / 2**32
         uniforms = sample_uniforms(light)
@@ -200,7 +202,7 @@ class PathBufferStages(PathSetEngine):
             self._run_vertex(self._start_passes, index, 0, sample, eye | light.uniforms, last)
 
     def scan_positions(self, index: int, depth: int, sample: PathSetSample) -> Scan:
-        """Compute z0 of every live path."""
+        """Compute z0 of every live path, the depth where its ray starts."""
         counter = [counter_hash(self.settings.seed, index, depth, use) for use in range(3)]
         view = ScanView(
             directions=self._directions(sample, depth - 1),
@@ -211,8 +213,8 @@ class PathBufferStages(PathSetEngine):
             return self.path_buffer.scan_positions(self._states.read.position, view)
 
     def scan_scene(self, depth: int, scan: Scan) -> None:
-        """Find each path's nearest surface beyond z0."""
-        # The simplified surface may lie in front of the visible one, where paths start.
+        """Find the nearest surface beyond each path's z0."""
+        # The simplified surface may lie in front of the visible one, where paths start, so near hits are skipped.
         skipped = _SKIPPED if depth == 1 else 0.0
         with self.stopwatch.stage("scan scene"):
             self.path_buffer.scan_scene(scan, skipped)
@@ -220,7 +222,7 @@ class PathBufferStages(PathSetEngine):
     def advance(
         self, index: int, depth: int, sample: PathSetSample, light: SetLight, scan: Scan, last: bool
     ) -> None:
-        """Update radiance, throughput and positions from the scan [PB table 6], or at the last vertex the sums."""
+        """Update radiance, throughput and positions from the scan [PB table 6]; at the last vertex, the sums."""
         with self.stopwatch.stage("advance"):
             uniforms = light.uniforms | scan.uniforms
             self._run_vertex(self._advance_passes, index, depth, sample, uniforms, last)
@@ -228,8 +230,9 @@ class PathBufferStages(PathSetEngine):
     def light_from_infinity(self, index: int, depth: int, light: SetLight, last: bool = False) -> None:
         """Add light from a directional light or the sky at the newest vertices, with one scan for shadows.
 
-        Paths that ended there are lit as well. If the set's light is not distant, nothing is done, except that the
-        last vertex's light is not in the sums before this stage.
+        Paths that ended at these vertices are lit as well. If the set's light is not distant, there is nothing to
+        add before the last vertex. At the last vertex, this stage adds the light of the paths to the sums in any
+        case.
         """
         if self._distant_buffer is None or not (light.distant or last):
             return
@@ -262,7 +265,7 @@ class PathBufferStages(PathSetEngine):
     def _scene_of_bounces(self) -> DeviceScene:
         """Return the scene for paths from their second vertex on, which may be a simplified one [PB 6.1].
 
-        It is used for everything at those vertices: scans, shadows and surfaces.
+        The simplified scene is used for everything at those vertices: scans, shadows and surfaces.
         """
         full, share = self.scene, self.settings.bounce_lod
         if share is None or self._bounces() == 0:
@@ -281,7 +284,7 @@ class PathBufferStages(PathSetEngine):
         return tuple(uniform_hemisphere(u[: _views(self.settings, bounce)]))
 
     def _bounces(self) -> int:
-        """Return the maximum number of directions of a path."""
+        """Return the maximum number of bounces of a path; each bounce needs a direction."""
         return self.settings.path_length - 1
 
     def _plays_roulette(self, depth: int) -> bool:
@@ -297,7 +300,7 @@ class PathBufferStages(PathSetEngine):
         uniforms: Uniforms,
         last: bool,
     ) -> None:
-        """Run a vertex pass from the current states into the other ones, or at the last vertex into the sums."""
+        """Run a vertex pass from the current path states into the other ones; at the last vertex, into the sums."""
         uniforms = uniforms | {
             "random_seed": counter_hash(self.settings.seed, index, depth, 5),
             "first_bounce": depth == 1,
@@ -337,7 +340,7 @@ class PathBufferStages(PathSetEngine):
         }
 
     def _make_states(self, size: tuple[int, int]) -> None:
-        # Start and light of paths that wait for a scan along the direction of the set's light.
+        # Start points and light of paths that wait for the scan along the direction of the set's distant light.
         self._pending = [self._texture(size, 4, "f4") for _ in range(2 if self._distant_buffer else 0)]
         self._states = PingPong(*(self._new_states(size) for _ in range(2)))
         self._textures = {
@@ -357,7 +360,7 @@ class PathBufferStages(PathSetEngine):
             self._light_passes = self._deep_light_passes = self._distant_light_passes(self._distant_buffer)
             if self._deep_distant is not None and self._deep_distant is not self._distant_buffer:
                 self._deep_light_passes = self._distant_light_passes(self._deep_distant)
-            # Placeholders until the first scan.
+            # Uniforms for passes that run before the first scan.
             self._distant_scan = {"permutation_seed": 0, "path_columns": size[0]}
 
     def _new_states(self, size: tuple[int, int]) -> PathStates:
@@ -398,11 +401,11 @@ class PathBufferStages(PathSetEngine):
         lit: bool = True,
         deep: bool = False,
     ) -> VertexPasses:
-        """Return the passes of a stage that are needed.
+        """Return the passes of a stage, only those that are needed.
 
-        parts : includes in addition to those of the other stages
-        lit  : True if its vertices get light from the light sample
-        deep : True if its vertices are at least the second ones of their paths
+        parts : program parts and textures in addition to those of the other stages
+        lit  : True if the stage's vertices get light from the light sample
+        deep : True if the stage's vertices are at least the second ones of their paths
         """
         scene, own = (self._deep, self._deep_textures) if deep else (self.scene, self._textures)
         unlit = lit and self._distant_buffer is not None
@@ -467,10 +470,10 @@ class PathBufferStages(PathSetEngine):
 
 
 def _views(settings: PathBufferSettings | GatherSettings, bounce: int) -> int:
-    """Return the number of directions that the paths select from, for a bounce counted from 0."""
+    """Return the number of shared directions from which each path selects one, for a bounce counted from 0."""
     return 2 if settings.directions == "pair" or (settings.directions == "lattice" and bounce > 0) else 1
 
 
 def _cells(share: float, size: tuple[int, int]) -> tuple[int, int]:
-    """Return (columns, rows) of a path-buffer view for a window of that size."""
+    """Return (columns, rows) of a path-buffer view for a window of `size` pixels."""
     return max(1, round(share * size[0])), max(1, round(share * size[1]))

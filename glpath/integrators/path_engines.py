@@ -19,10 +19,10 @@ from glpath.integrators.settings import PathSetSettings
 from glpath.scene.model import Scene
 from glpath.sensors.sensor import Sensor
 
-# Minimum roughness for shared directions: smaller highlights would be hit too seldom.
+# Minimum roughness of materials if paths share directions, because sharper highlights would be hit too seldom.
 _SHARED_ROUGHNESS = 0.2
 
-#: Engine by the integrator's name, and by True if scans of the path-buffer cast its rays.
+#: Engine class by (name of the integrator, True if scans of the path-buffer cast its rays).
 ENGINES: Mapping[tuple[str, bool], Callable[..., PathSetEngine]] = {
     ("path", False): RayPathEngine,
     ("path-buffer", True): PathBufferTracer,

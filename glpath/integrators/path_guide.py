@@ -1,11 +1,11 @@
 """Path guiding by a radiosity solution: the distribution of incident light, known before a path is traced.
 
-A gather's error is nearly all that of its first bounce: most directions lead to dark walls, few to bright ones. The
-solution contains that information. Neighbouring elements with a common normal share a guide: the root mean square
-of their incident radiance in each of 16 x 16 cells of directions, equal under the cosine. A constant is added to
-all cells, so that no light unknown to the guide gets a low probability. A path's two random numbers are warped down
-a tree of the cells, which keeps much of their uniformity. The path's weight is divided by the density. Fronts of
-triangles have guides, backs have none.
+Nearly all of a gather's error comes from its first bounce, because most directions lead to dark walls, few to
+bright ones. The solution contains that information. Neighbouring elements with a common normal share a guide. It
+has 16 x 16 cells of directions, of equal cosine-weighted solid angle. Each cell holds the root mean square of the
+incident radiance. A constant is added to all cells, so that no light unknown to the guide gets a low probability. A
+path's two random numbers are warped down a tree of the cells, which keeps much of their uniformity. The path's
+weight is divided by the density. Fronts of triangles have guides, backs have none.
 
 Cost:     340 bytes a guide, at most 2048 guides; eight rays for each pixel of the image to build them, at least
           half a million. A choice reads five texels.
@@ -34,18 +34,18 @@ Int64 = NDArray[np.int64]
 
 _LEVELS = 4
 _MAX_GUIDES = 2048
-_POINTS = 16  # start points of a guide's rays
-# Minimum number of rays from a cell, at most one from each point of the cell.
+_POINTS = 16  # number of start points of a guide's rays
+# Minimum number of rays in a cell of directions. The maximum is one from each start point of the guide.
 _MIN_RAYS = 2
-# Minimum number of rays from all cells.
+# Minimum number of rays in all cells of all guides together.
 _MIN_BUDGET = 1 << 19
-# Number of rays from all cells for each image pixel. They take as long as one or two path sets. Four times as many
-# rays reduce the squared error by a tenth in `room`, whose guides are shared, and by half that in the Cornell box.
-# Four times as many guides with the same number of rays do not reduce it further.
+# Number of rays in all cells together, per pixel of the image. They take as long as one or two path sets. With four
+# times as many rays, the squared error falls by a tenth in `room`, where elements share guides, and by half that in
+# the Cornell box. Four times as many guides with the same number of rays do not reduce it further.
 _RAYS_A_PIXEL = 8
 _TESTS_A_RAY = 100
-# Fraction of the density given to plain cosine sampling. A smaller fraction gives more weight to hits in directions
-# that no guide ray found.
+# Fraction of the density given to plain cosine sampling. With a smaller fraction, hits in directions that no guide
+# ray found get larger weights.
 _UNGUIDED = 0.3
 
 _LAYOUT = {
@@ -66,9 +66,9 @@ def path_guide_glsl() -> str:
 class PathGuide:
     """Guides for the elements of a solution, on the device.
 
-    radiosity : solution, with all of its light
+    radiosity : solution on the device, created with `all_light`
     pixels    : number of pixels of the whole image; more pixels justify more rays
-    rays      : parts of the rays' program, including the lights
+    rays      : parts of the program that casts the rays, including the lights
 
     textures, uniforms, generated, defines : inputs of programs that include path_guide.glsl
     seconds : time to build the guides
@@ -130,7 +130,7 @@ class PathGuide:
 def guide_nodes(light: Float64) -> NDArray[np.uint8]:
     """Return (G, N, 4) nodes of the guides' trees, level by level, row by row, from their cells (G, 2^k, 2^k).
 
-    The second axis is the distance from the normal, the last the angle about it, or in the reverse order.
+    The second axis of the cells is the angle about the normal, the last axis the distance from the normal.
     """
     # Cells are smoothed with their neighbours, because each has few rays. The axis of angles wraps around.
     around = np.roll(light, 1, 1) + 2.0 * light + np.roll(light, -1, 1)
@@ -144,16 +144,16 @@ def guide_nodes(light: Float64) -> NDArray[np.uint8]:
         levels.append(quarters.reshape(len(density), -1, 4))
         density = quarters.mean(axis=-1)
     nodes = np.concatenate(levels[::-1], axis=1)
-    # Every share is 1 or more, because a cell with share 0 would never be sampled.
+    # Shares are at least 1 of 255, because a cell with share 0 would never be sampled.
     shares = 255.0 * nodes / nodes.max(axis=-1, keepdims=True)
     return np.asarray(np.rint(shares).clip(1, 255), np.uint8)
 
 
 def guide_points(scene: Scene, divisions: NDArray[np.int32], leaf: Int64) -> tuple[Int64, Float64]:
-    """Return the guide of each element of the triangles' lattices (E,), and points on each guide (G, P, 4).
+    """Return the guide of each element of the triangles' lattices (E,), and start points on each guide (G, P, 4).
 
-    divisions : (T,) number of segments of each triangle's edges
-    leaf      : (E,) number of the solver's element that each lattice element is part of
+    divisions : (T,) number of segments that each edge of a triangle is divided into
+    leaf      : (E,) number of the solver's element that contains each lattice element
 
     A point has its position, world space, and the index of its triangle. If the solver has few elements, each
     element has its own guide with the same index.
@@ -185,11 +185,11 @@ def guide_points(scene: Scene, divisions: NDArray[np.int32], leaf: Int64) -> tup
 
 
 def _groups(corners: Float64) -> Int64:
-    """Return (E,) group indices, at most _MAX_GUIDES, of elements (E, 3, 3) that are close and face alike."""
+    """Return (E,) indices of at most _MAX_GUIDES groups of elements (E, 3, 3) that are close and face alike."""
     middle = corners.mean(axis=1)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    # The tangent axes of a normal (directions.glsl) jump where its z changes sign, so no group crosses that.
+    # The tangent axes of a normal (directions.glsl) jump where its z changes sign, so no group contains both signs.
     facing = np.concatenate([np.rint(1.5 * normal) + 2.0, normal[:, 2:].astype(np.float32) < 0], axis=1)
     facing_key = facing.astype(np.int64) @ (1, 5, 25, 125)
     lower, extent = middle.min(axis=0), float(np.ptp(middle, axis=0).max())

@@ -1,4 +1,4 @@
-"""Base of engines with path sets: starts of paths at a camera's eye or at points."""
+"""Base class of engines that trace one path per pixel: it starts paths at a camera's eye or at points."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class PathSetEngine(Engine):
         self.lighting = lighting or scene.lighting
         self._max_radiance = max(scene.max_radiance, max_radiance)
         self._eye_defines = camera_defines(scene.scene.camera, self.own_lens)
-        self._cast = self._lost = 0  # rays of paths, and rays that lost the collision in their cell
+        self._cast = self._lost = 0  # number of path rays, and of those lost by collision in a cell
         self._bvh: RayBvh | None = None  # None unless rays are cast
         self._hit_textures: dict[str, moderngl.Texture] = {}  # records of streamed triangles
         self._eye_of: object = None  # sensor and window for `_eye`, the camera's uniforms for all path sets
@@ -100,16 +100,16 @@ class PathSetEngine(Engine):
         return self
 
     def share(self, other: PathSetEngine, *, solution: bool = True) -> None:
-        """Take the BVH, and other data that do not depend on the view, of an engine of the same scene.
+        """Take the BVH, and other data that do not depend on the view, from another engine of the same scene.
 
         Call it before `prepare`.
 
-        solution : True if both have the same radiosity solution
+        solution : True if both engines have the same radiosity solution
         """
         self._bvh = other._bvh
 
     def _seen_in_mirrors(self) -> RayBvh | None:
-        """Return the BVH for AOVs of mirrored surfaces; None to use the mirrors' own."""
+        """Return the BVH for AOVs of surfaces seen in mirrors; None if AOVs describe the mirrors themselves."""
         return None
 
     @property
@@ -119,7 +119,7 @@ class PathSetEngine(Engine):
 
     @abstractmethod
     def _prepare_stages(self) -> None:
-        """Create the resources of an engine's stages, except the eye's."""
+        """Create the resources of an engine's stages, except those of primary visibility."""
 
     def seen(self) -> NDArray[np.int64]:
         """Return (h, w) index of each pixel's visible triangle in the last path set, -1 for none; row 0 at the top.
@@ -146,7 +146,7 @@ class PathSetEngine(Engine):
         self._cast += int(readback.low.sum(dtype=np.int64))
         self._lost += int((readback.high & ((1 << DROPPED_SHIFT) - 1)).sum(dtype=np.int64))
 
-    # Methods for the stages of a frame: motion, visible triangles and AOVs.
+    # Methods that subclasses call in their frames: motion, visible triangles and AOVs.
 
     def move_to(self, index: int) -> None:
         """Move objects to the time of a path set; the eye's motion is in its own uniforms."""
@@ -159,7 +159,7 @@ class PathSetEngine(Engine):
             if self._bvh is not None:
                 self._bvh.move_to(moving.corners())
             if moving.lamps:
-                # Selection probabilities of lights must stay equal to those that weight emission.
+                # The probabilities that select lights must equal those that weight hits of emitters.
                 self.lighting = replace(self.lighting, scene=moving.at(time))
 
     def _see(self, eye: Uniforms) -> None:
@@ -181,7 +181,7 @@ class PathSetEngine(Engine):
             self._eye_stream.run(self._eye_constant | eye, seen)
 
     def _eye_uniforms(self, pixel: NDArray[np.float64], index: int = 0) -> Uniforms:
-        """Return the uniforms of eye rays or points: the position in each pixel, and the path set's index."""
+        """Return the uniforms of a path set's eye rays or start points. pixel: position in every pixel, 0 to 1."""
         seed, sample = self.settings.seed, (float(pixel[0]), float(pixel[1]))
         own = {"opacity_seed": counter_hash(seed, 0, 0, 12), "opacity_set": index}
         if self._points is not None:
@@ -214,7 +214,7 @@ class PathSetEngine(Engine):
         return eye | {"eye_range": (1e-5 * self.scene.radius, 1.01 * extent)}
 
     def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
-        """Return the kind of sensor that programs and passes are made for."""
+        """Return the properties of a sensor that programs and passes are made for."""
         moving = self.scene.moving is not None
         return (*sensor.kind, sensor.shutter if moving else None)
 

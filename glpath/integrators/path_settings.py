@@ -26,9 +26,9 @@ from glpath.integrators.settings import (
     SharedDirections,
 )
 
-# Roulette start for paths that nothing else ends.
+# Vertex at which roulette starts for paths that nothing else ends.
 _ROULETTE = 4
-# Number of diffuse bounces of a path before a radiosity solution becomes its control variate.
+# Number of diffuse bounces after which a path uses a radiosity solution as its control variate.
 _CORRECTED_FROM = 2
 
 
@@ -47,7 +47,7 @@ class PathSettings(PathSetSettings):
         "bounce_lod": 'Rays have one BVH; integrator="path-buffer" has a simpler scene for bounces.',
     }
 
-    # Fixed here, because only a gather has a choice.
+    # Fixed for paths, because only a gather can choose these.
     radiosity_lookup: ClassVar[Lookup] = "interpolated"
     direct_light: ClassVar[DirectLight] = "traced"
 
@@ -101,17 +101,17 @@ class PathSettings(PathSetSettings):
         return self.roulette
 
     def lookup_uniforms(self) -> dict[str, object]:
-        """Return the uniforms of paths whose control variate is a radiosity solution."""
+        """Return the uniforms of path/path_rays.glsl for a radiosity solution as control variate."""
         return {"lookup_depth": _CORRECTED_FROM} if self.corrects else {}
 
     def recorded(self) -> dict[str, Any]:
-        """Return the settings, without an unused guide and without a depth that ends nothing."""
+        """Return the settings, without an unused guide, and without max_depth if only roulette ends paths."""
         unused = [name for name, used in (("guide", self.guided), ("max_depth", not self.endless)) if not used]
         return {k: v for k, v in super().recorded().items() if k not in unused}
 
 
 def _completed(settings: PathSettings | PathBufferSettings) -> dict[str, Any]:
-    """Return the default roulette start for paths of all bounces."""
+    """Return the default start of roulette as an option, if paths have all bounces and no start was given."""
     return {"roulette": _ROULETTE} if settings.max_depth == DEEPEST and settings.roulette is None else {}
 
 

@@ -1,13 +1,14 @@
 """Integrators "path", and "gather" with cast "bvh": rays of each path, cast by a BVH in the shader.
 
-A path set is one path for every pixel, as with the path-buffer, but paths share only the position in their pixels.
-Each path draws its directions by the cosine of its surface or, with a radiosity solution, by the incident light
-(`path_guide`). It selects one of a sample of each light, by its contribution. From twelve lights with a position
-on, a tree of lights selects one for each vertex (`glpath.lights.tree`). Rectangular emitters close to surfaces are
-sampled by solid angle (`glpath.lights.rectangles`), the sky also through portals (`glpath.scene.portal`). A
-gather's path branches at its first vertex, the source of nearly all its error: branches share the eye's ray and the
-light there, 0.4 of a set's cost. No ray is lost in a crowded cell, and the error is noise without streaks. A ray
-costs the logarithm of the number of triangles, a scan their number. docs/explanation/accuracy.md has measurements.
+A path set is one path for every pixel, as with the path-buffer, but its paths share only their position in the
+pixels. Each path draws its directions by the cosine of its surface or, with a radiosity solution, by the incident
+light (`path_guide`). There is one sample of each light, and a path selects one of the samples by its contribution.
+If at least twelve lights have a position, a tree of lights selects one for each vertex (`glpath.lights.tree`).
+Rectangular emitters close to surfaces are sampled by solid angle (`glpath.lights.rectangles`), the sky also through
+portals (`glpath.scene.portal`). A gather's path branches at its first vertex, the source of nearly all its error.
+Branches share the eye's ray and the light there, 0.4 of a set's cost. No ray is lost in a crowded cell, and the
+error is noise without streaks. A ray costs the logarithm of the number of triangles, a scan their number.
+docs/explanation/accuracy.md has measurements.
 
 A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path/path_rays.glsl`). On a
 graphics card a compute shader does, with bit-identical results, because some cards shade pixels in few of their
@@ -57,26 +58,26 @@ from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor
 
 #: Maximum number of light samples of a path set, from which its paths select.
 LIGHTS = 16
-# Maximum number of parts of all lights: a vertex evaluates a sample of each, for 2 % of a set's time, and casts a
-# shadow ray for one.
+# Maximum number of parts into which the lights are divided. A vertex evaluates a sample of each part, for 2 % of a
+# set's time, and casts a shadow ray for one of them.
 _PARTS = 8
 # Number of samples that a light tree draws for each vertex. A second one takes a third of a set's time, and reduces
 # the error only if lights have profiles.
 _TREE_SAMPLES = 1
-# Number of lights with a position from which a tree selects among them.
+# Minimum number of lights with a position for which a tree selects among them.
 _TREE_MIN = 12
-# Maximum number of triangles and punctual lights for a tree: its build takes some 50 microseconds for each.
+# Maximum number of triangles and punctual lights in a tree: its build takes some 50 microseconds for each of them.
 _TREE_MAX = 1 << 16
-_LIGHT_BLOCK = 64  # number of sets whose light samples are computed at once; a divisor of the sampler's own block
-# Number of bounces with sequence numbers; later bounces have independent random numbers.
+_LIGHT_BLOCK = 64  # number of path sets whose light samples are computed at once; divides the sampler's own block
+# Number of bounces that take their numbers from the sequence; later bounces have independent random numbers.
 _MAX_BOUNCES = 14
-#: Maximum number of vertices of a path that only roulette ends, a safeguard. With a reflectance of 0.999
-#: everywhere, the light beyond is 1e-7 of all. In a closed room without absorption, which has no solution, each
-#: path reaches it.
+#: Maximum number of vertices of a path that otherwise only roulette ends, a safeguard. With a reflectance of 0.999
+#: everywhere, the light beyond it is 1e-7 of all. In a closed room without absorption, where light transport has no
+#: solution, each path reaches this maximum.
 CEILING = 1 << 14
-# Maximum number of vertices of a path for dividing a draw into areas.
+# Number of vertices that longer paths count as when a draw is divided into areas, because few paths are longer.
 _USUAL_DEPTH = 64
-# Approximate number of boxes and triangles that a ray and a shadow ray test in a large scene.
+# Approximate number of boxes and triangles tested by a vertex's ray and shadow ray together in a large scene.
 _TESTS_A_VERTEX = 200
 
 
@@ -122,13 +123,13 @@ class RayPathEngine(PathSetEngine):
     # Frame.
 
     def trace_path_set(self, index: int) -> None:
-        """Trace one path for every pixel: the visible triangles, then all path rays in one draw."""
+        """Find the visible triangles, then trace one path for every pixel in one draw."""
         pixel = self._sampler[index].pixel
-        self.move_to(index)  # moving objects, to the set's time
+        self.move_to(index)  # moves objects to the time of the path set
         eye = self._eye_uniforms(pixel, index)
-        self.see_silhouettes(index, pixel, eye)  # light of the pixels at an emitter's edge
-        self._see(eye)  # the triangle of each pixel
-        self.follow_paths(index, eye)  # each path to its end, and its light into the sums
+        self.see_silhouettes(index, pixel, eye)  # samples the light of pixels at an emitter's edge
+        self._see(eye)  # finds the visible triangle of each pixel
+        self.follow_paths(index, eye)  # traces each path to its end, and adds its light to the sums
 
     def see_silhouettes(self, index: int, sample: NDArray[np.float64], eye: Uniforms) -> None:
         """Sample the pixels at an emitter's edge; a window's first path set finds these pixels."""
@@ -158,7 +159,7 @@ class RayPathEngine(PathSetEngine):
         return self._bvh
 
     def share(self, other: PathSetEngine, *, solution: bool = True) -> None:
-        """Take the other engine's guides as well if both have the same solution."""
+        """Take the BVH of the other engine, and its path guides if both engines have the same solution."""
         super().share(other)
         if isinstance(other, RayPathEngine) and solution:
             self.guide = other.guide
@@ -172,20 +173,21 @@ class RayPathEngine(PathSetEngine):
         hardware = context_of(gl).info.hardware
         self._bounces = min(max(2, settings.path_length), _MAX_BOUNCES)
         self._branches = settings.branches
-        # Two samplers, because one runs ahead of the other, and a sampler caches the numbers of only few sets.
+        # Two samplers: one runs ahead of the other, and a sampler caches the numbers of only a few sets.
         sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
         self._sampler = self._branch_sampler = sampler
         if self._branches > 1:
             self._branch_sampler = copy(sampler)
         self._by_tree = _chosen_by_tree(self.lighting) and not (scene.moving and scene.moving.lamps)
         self._in_parts = others(self.lighting) if self._by_tree else self.lighting
-        # Bounds of the numbers that select a light; a part is a light, or an eighth of all lights.
+        # Bounds in [0, 1] of the random numbers that select each part of the lights, see `_light_edges`.
         self._light_edges = np.zeros(1) if self._by_tree and self._in_parts.dark else _light_edges(self._in_parts)
         self._parts = len(self._light_edges) - 1
         bvh = self._bvh = self._bvh or RayBvh(gl, scene)
         width, height = self.sensor.resolution
-        # On llvmpipe a ray takes about as long (0.2 us) as a triangle's vertices. The whole image decides, so that
-        # an image in tiles is bit-identical to the whole.
+        # If triangles outnumber pixels, eye rays are faster: on llvmpipe a ray takes as long (0.2 us) as a
+        # triangle's vertices. The size of the whole image decides, so that an image in tiles is bit-identical to
+        # the whole.
         many = not hardware and len(scene.scene.triangles) > width * height
         camera = scene.scene.camera
         wide = camera.projection == "panorama" or camera.aperture_radius > 0
@@ -193,12 +195,12 @@ class RayPathEngine(PathSetEngine):
             self._look_by_rays()
         parts = self._program_parts(bvh)
         self._constant = parts.uniforms
-        # Only few paths that roulette alone ends have more vertices. llvmpipe has no watchdog, and distributes
-        # squares of 64 x 64: a draw of one square would use one core.
+        # Few paths have more vertices: only those that nothing but roulette ends. On llvmpipe, the draw is not
+        # divided: there is no watchdog, and threads get squares of 64 x 64, so a small draw would use one core.
         vertices = min(settings.path_length, _USUAL_DEPTH)
         tests = self._branches * vertices * _TESTS_A_VERTEX
         self._areas = draw_areas(self._size, tests) if hardware else [(0, 0, *self._size)]
-        # llvmpipe runs both on all cores, but pixels faster.
+        # llvmpipe runs compute and fragment shaders on all cores, but fragment shaders faster.
         make = self._dispatch if hardware else self._pass
         self._paths = self._sums.sets.each(lambda read, write: make(read, write, parts))
 
@@ -220,10 +222,11 @@ class RayPathEngine(PathSetEngine):
             **(LANE_DEFINES if self._shares_lanes else {}),
             **self._sums.defines,
         }
-        # Measurements at points are also averaged; shared light samples would correlate all their errors.
+        # Means over many points are measured, too. Light samples shared by the points would correlate all their
+        # errors.
         self._draws: LightDraws | None = None
         independent = isinstance(self.sensor, PointSensor) and self.sensor.independent
-        # A tree has its own probabilities for single triangles.
+        # With a tree there are no rectangles, because the tree has its own probabilities for single triangles.
         still = not self._by_tree and not (scene.moving and scene.moving.lamps)
         rectangles = LampRectangles.that_pay(self.lighting) if still else None
         # Shared light samples cannot depend on positions, but trees, portals and solid angles select by position.
@@ -254,7 +257,7 @@ class RayPathEngine(PathSetEngine):
 
     def _new_silhouettes(self, bvh: RayBvh) -> EmitterSilhouettes | None:
         scene, camera = self.scene, self.scene.scene.camera
-        # Edges out of focus or in motion are wide, so a search at a few positions does not find them.
+        # Edges of emitters out of focus or in motion are wide, so a search at a few positions does not find them.
         wide = camera.aperture_radius > 0 or camera.moves or scene.moving
         # Silhouettes do not support a ground.
         if self._points is not None or wide or self._ground is not None or not EmitterSilhouettes.are_in(scene):
@@ -285,12 +288,12 @@ class RayPathEngine(PathSetEngine):
         return PixelDispatch("paths", self.gl, program, textures, frozenset(written))
 
     def _seen_from(self, position: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return `seen` for eye rays through a position in the pixels."""
+        """Return the visible triangles (see `seen`) for eye rays through a position in the pixels."""
         self._look(self._eye_uniforms(position))
         return self.seen()
 
     def statistics(self) -> dict[str, object]:
-        """Return the counts of every engine; no ray is lost in a cell.
+        """Return the counts of `PathSetEngine` without `paths_lost`, because no ray is lost in a cell, and:
 
         paths_cut : number of paths cut at the safeguard length, if any
         """
@@ -323,11 +326,11 @@ class RayPathEngine(PathSetEngine):
         return {"sequence_point": tuple(map(int, _words(self._sampler[index].light)))}
 
     def _light_table(self, index: int) -> bytes:
-        """Return the set's light samples, class by class, each at the sequence's point shifted by its own numbers.
+        """Return light samples of a set, of each part in turn; each shifts the sequence's point by its own numbers.
 
         They are computed for many sets at once, because numpy's overhead exceeds the work for a single set.
         """
-        # Moving emitters are elsewhere in each set.
+        # Moving emitters have another position in each set, so each set is a block of its own.
         size = 1 if self.scene.moving and self.scene.moving.lamps else _LIGHT_BLOCK
         block, index_in_block = divmod(index, size)
         if self._light_block != block:
@@ -384,8 +387,8 @@ def _light_edges(lighting: Lighting) -> NDArray[np.float64]:
     visible. The squared error is 0.6 of that with one part; more parts gain little.
     """
     edges = lighting.cdf
-    # With portals it is one light: of two samples selected by contribution, the one outside the portals would win,
-    # although it is usually occluded.
+    # With portals the map is one part: of two samples selected by contribution, the one outside the portals would
+    # win, although it is usually occluded.
     if isinstance(lighting.sky, Environment) and not by_portals(lighting):
         edges = np.insert(edges, -1, edges[-2] + (edges[-1] - edges[-2]) * lighting.sky.split)
     parts = len(edges) - 1

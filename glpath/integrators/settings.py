@@ -33,17 +33,16 @@ Guide = Literal["solution", "cosine"]
 Interleave = Literal["always", "never"]
 Rgb = tuple[float, float, float]
 
-#: Maximum of `max_depth`, which stands for all bounces: a path counts its rays in eleven bits, up to two rays a
-#: vertex.
+#: Maximum of `max_depth`; this value means all bounces. A path counts its rays, up to two a vertex, in eleven bits.
 DEEPEST = 1000
-#: Vertex from which on Russian roulette ends paths by mirrors and glass, if others end sooner.
+#: Vertex from which on Russian roulette ends paths by mirrors and glass, where other paths end sooner.
 ROULETTE_OF_MIRRORED = 6
-#: Vertex from which on Russian roulette ends paths of a gather without a look-up.
+#: Vertex from which on Russian roulette ends those paths of a gather that end without a look-up.
 ROULETTE_OF_GATHER = 4
-#: Remedies of integrators without a solution.
+#: Hints for users who give an option of look-ups to an integrator that looks up no solution.
 NO_LOOKUP = {"lookup_depth": "max_depth says how long paths are; only a gather looks up a solution."}
 
-# AOVs that a film of points can have: those of light, because no eye sees a surface.
+# AOVs that a film of points can have: only those of light, because no camera sees a surface.
 _POINT_AOVS = ("direct", "indirect", "samples")
 
 
@@ -76,7 +75,7 @@ class IntegratorSettings(ABC):
     ] = ()
 
     def recorded(self) -> dict[str, Any]:
-        """Return the settings by name for a film's metadata; films merge only if these are equal.
+        """Return the settings by name for a film's metadata; films can be merged only if these are equal.
 
         AOVs are left out, because they are not part of the image.
         """
@@ -103,14 +102,14 @@ class IntegratorSettings(ABC):
         """Raise UsageError for options that conflict; `given` holds the options that change the settings."""
 
     def completed(self, solvable: Callable[[], bool]) -> Self:
-        """Return the settings with open options decided: those that are None for "as the scene allows".
+        """Return the settings with all open options decided: those whose None means "as the scene allows".
 
         solvable : function that returns True if the scene can have a radiosity solution in reasonable time
         """
         return self
 
 
-# Options of several integrators.
+# Options that several integrators share.
 DEPTH = (
     "vertices of a path: 1 is direct light only, 3 two bounces; 1000 is all bounces. With ambient light of the "
     "scene, which stands for further ones, 5 by default"

@@ -56,7 +56,7 @@ def device_radiosity(
 
 
 def solution_digest(solution: RadiositySolution, lookup: Lookup) -> str:
-    """Return the SHA-256 (hex) of the looked-up data: films add up only if it is the same."""
+    """Return the SHA-256 (hex) of the looked-up data; films can be merged only if it is the same."""
     h = hashlib.sha256(f"{solution.scene_hash} {lookup}".encode())
     h.update(np.ascontiguousarray(solution.divisions, "<i4").data)
     h.update(np.ascontiguousarray(solution.leaf_size, "<u2").data)

@@ -1,8 +1,8 @@
 """Points where paths start, instead of a camera: the first vertex of each path is a white receiver at a point.
 
-Points are uploaded for a window. A short ray finds the triangle that each lies on, once unless the points move.
-Rays from there do not hit that triangle, and guides are those of its element. Streamed triangles are not searched:
-a point on one starts slightly above it, along the point's normal, like a point in the air.
+Points are uploaded for a window. A short ray finds the triangle that a point lies on; if nothing moves, it is cast
+only once. Path rays from the point ignore this triangle, and its element selects the path guide. Streamed triangles
+are not searched: a point on one starts slightly above it, along the point's normal, like a point in the air.
 
 Cost:     a short ray for each point, whenever they change; with several tables, in each path set.
 Poor at:  points in the edge between two surfaces: only one is found.
@@ -47,12 +47,12 @@ class StartPoints:
         names = ["start_positions", "start_normals"]
         if sensor.smooth:
             names.append("start_shading")
-            # Needed also for scenes without shading normals, because the points bring their own.
+            # HAS_NORMALS is needed also for scenes without shading normals, because the points have their own.
             self.defines |= {"START_SHADING": 1, "HAS_NORMALS": 1}
         self.textures = {name: gl.texture(size, 4, dtype="f4") for name in names}
         for texture in self.textures.values():
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        # Triangles far from the origin have the rounding of their own coordinates.
+        # Bound of the scene's coordinates, for the rounding error of positions far from the origin.
         self._uniforms: Uniforms = {"start_extent": float(np.linalg.norm(scene.centre) + scene.radius)}
         self._pass = Pass(
             "points",

@@ -90,13 +90,14 @@ class StreamShadows(Owner):
             )
             ask.run({**uniforms, **self.uniforms, **part.uniforms})
             self._words.swap()
-            # The part is released, and the wait keeps the device's watchdog from counting all parts as one task.
+            # `finish` frees the part before the next, and keeps the device's watchdog from counting all parts as
+            # one task.
             self._gl.finish()
             del ask, part
 
 
 def _pictures(size: tuple[int, int], words: int, limit: int) -> tuple[int, tuple[int, int]]:
-    """Return the number of word images side by side, and the (columns, rows) of texels of all."""
+    """Return how many of `words` images lie side by side in one texture, and the texture's (columns, rows)."""
     columns = min(words, limit // size[0])
     texels = (columns * size[0], -(-words // columns) * size[1])
     if texels[1] > limit:

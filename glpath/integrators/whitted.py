@@ -2,8 +2,8 @@
 
 One path set is one ray through every pixel, all at the same position in their pixels, and all secondary rays. The
 frame is `WhittedTracer.trace_path_set`. Primary rays use the classical algorithm or the T-buffer; light uses shadow
-rays or shadow-buffers. Reflections use the classical algorithm, as in the paper, or a BVH, which its section VI
-proposes. All share the routines of intersection and shading.
+rays or shadow-buffers. Reflections use the classical algorithm, as in the paper, or a BVH, which the paper's
+section VI proposes. All share the routines of intersection and shading.
 
 Additions to the paper: a path set has light samples of emitting shapes, and of the sky if there is no ambient
 light. All pixels share them, as in the path-buffer [PB 3.3]. Their shadows are rays. Streamed triangles are visible
@@ -103,18 +103,19 @@ class WhittedTracer(Engine):
     # Frame.
 
     def trace_path_set(self, index: int) -> None:
-        """Trace one ray for every pixel, and its secondary rays [TB IV]."""
+        """Trace one ray through every pixel, and its secondary rays [TB IV]."""
         self.move_to(index)
         camera = self.sensor.camera
         lens = self._sampler.eye(index)[:2] if camera.aperture_radius > 0 else None
         camera = camera.at(self._sampler.time(index, self.sensor.shutter))
         objects, pixel = self.scene, pixel_sample(self.settings.seed, index)
-        # An infinite plane may be nearer than the bounded objects.
+        # Rays start ahead of the eye only if no infinite plane may be nearer than the bounded objects.
         ahead = 0.0 if len(objects.scene.planes) else ahead_of(camera, objects.centre, objects.radius)
         eye = eye_uniforms(camera, self.window, pixel, lens, ahead)
         eye |= {"opacity_seed": counter_hash(self.settings.seed, 0, 0, 12), "opacity_set": index}
         self.fill_shadow_buffers()
-        # Primary rays with a common origin share computations, see t_buffer/eye_hit.glsl.
+        # Rays that are not parallel start at the eye: their common origin saves computations, see
+        # t_buffer/eye_hit.glsl.
         parallel = camera.projection == "orthographic"
         self.fill_eye_buffer(eye if parallel else eye | eye_uniforms(camera, self.window, pixel, lens))
         self._add_aovs(eye)
@@ -123,7 +124,7 @@ class WhittedTracer(Engine):
         self.shade(uniforms)
 
     def move_to(self, index: int) -> None:
-        """Move all objects to the time of a path set, if something moves."""
+        """Move all objects to the time of a path set, unless the scene is static."""
         if self._moving is None:
             return
         with self.stopwatch.stage("motion"):
@@ -135,7 +136,7 @@ class WhittedTracer(Engine):
             self.sensor = sensor
 
     def fill_shadow_buffers(self) -> None:
-        """Fill the shadow-buffers, unless they are filled and neither light nor object has moved."""
+        """Fill the shadow-buffers that are not filled yet, or whose light or objects have moved."""
         if self.shadow_buffer is None:
             return
         with self.stopwatch.stage("shadow-buffer"):
@@ -315,7 +316,7 @@ class WhittedTracer(Engine):
         return CubeShadowBuffer(self.gl, objects, resolution, objects.positional_lights)
 
     def _shadows_of_stream(self, parts: ProgramParts) -> StreamShadows | None:
-        """Return the shadows of streamed triangles, or None if nothing is streamed or no shadow ray is cast."""
+        """Return the occlusion by streamed triangles; None if nothing is streamed or no shadow ray is cast."""
         objects, settings = self.scene, self.settings
         by_rays = len(objects.lights)
         if self.shadow_buffer is not None:
@@ -329,7 +330,7 @@ class WhittedTracer(Engine):
         )
 
     def _rays_loop_over(self) -> int:
-        """Return the maximum ray-primitive tests for shading a pixel, as far as they are a loop over primitives."""
+        """Return the maximum number of ray-primitive tests that shading a pixel runs in loops over primitives."""
         settings, objects = self.settings, self.scene
         planes = objects.numbering.count - objects.numbering.first_plane
         loop = objects.count if settings.secondary == "classic" else planes
@@ -375,5 +376,5 @@ def check_shadows(scene: Scene) -> None:
 
 
 def _air(scene: Scene) -> Uniforms:
-    """Return the uniforms of radiance without any object: ambient light and the sky."""
+    """Return the uniforms of light that comes from no object: ambient light and the sky."""
     return {"ambient": tuple(scene.ambient), **sky_uniforms(scene.sky), **background_uniforms(scene)}

@@ -90,7 +90,7 @@ class WhittedSettings(IntegratorSettings):
     ] = False
 
     def recorded(self) -> dict[str, Any]:
-        """Return the options that affect the image: not counting, and with shadow rays no shadow-buffer options."""
+        """Return the options that affect the image, without `count_tests` and unused shadow-buffer options."""
         given = super().recorded()
         del given["count_tests"]
         if self.shadows == "rays":
@@ -130,7 +130,7 @@ class ClassicSettings(WhittedSettings):
 
 @dataclass(frozen=True)
 class TBufferSettings(WhittedSettings):
-    """Ray tracing with the T-buffer [TB III]: object by object, only with the rays in its projection."""
+    """Ray tracing with the T-buffer [TB III]: each object is tested only against the rays in its projection."""
 
     integrator = "t-buffer"
     primary = "t-buffer"

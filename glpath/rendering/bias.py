@@ -27,7 +27,8 @@ from glpath.sensors.sensor import Sensor
 from glpath.system.heartbeat import heartbeat
 from glpath.system.time_limit import check_time, part_of_time, seconds_left
 
-#: Longer side of the reduced image, in pixels; fixed, so that the choice does not depend on the resolution.
+#: Longer side of the reduced image, in pixels; fixed, so that the choice of integrator does not depend on
+#: resolution.
 SIDE = 128
 #: Numbers of path sets after which the bias is checked; the last check decides.
 LOOKS = (6, 12, 24, 48, 64)
@@ -39,7 +40,7 @@ _STAGE = "measuring the bias of the gather"
 
 
 class BiasProbe:
-    """Two prepared engines that trace the same paths: one of a gather and one without bias.
+    """Two prepared engines that trace the same paths: a gather, and an engine without bias.
 
     Raises ContextError or MemoryError if their memory cannot be allocated.
     """
@@ -93,7 +94,7 @@ class BiasCheck:
     say            : function called with the name of each stage
     interrupted    : flag; if it is set, the check raises KeyboardInterrupt
     engine_s       : approximate time to make an engine, seconds
-    probe          : probe from an earlier check of the same plan
+    probe          : probe from an earlier check of the same plan, or None
     statistics     : results of the check for the film's metadata
     """
 
@@ -110,10 +111,10 @@ class BiasCheck:
     _is_cut_short: bool = False  # True if the time limit ended the measurement
 
     def settle(self, plan: Plan, engine: Engine) -> tuple[Plan, Engine]:
-        """Return a plan with small enough bias, and its engine; an explicitly chosen integrator is kept."""
+        """Return a plan with small enough bias, and its engine; an explicitly chosen integrator is always kept."""
         bias = self._measured(plan, engine)
         if bias is None:
-            # An unknown bias may be large.
+            # The unknown bias may be large, so unbiased paths replace the gather if the job allows it.
             unbiased = plan.without_bias()
             replacement = self._in_time(unbiased)
             if replacement is not None:
@@ -152,7 +153,7 @@ class BiasCheck:
         return plan if seconds_left() > self.engine_s else None
 
     def _measured(self, plan: Plan, engine: Engine) -> Bias | None:
-        """Return the bias of a plan; None if it has none, or if memory or time do not suffice to measure it."""
+        """Return the bias of a plan; None if it has no bias, or if memory or time do not suffice to measure it."""
         self.say(_STAGE)
         reduced = self.sensor.reduced(SIDE)
         try:

@@ -168,7 +168,7 @@ def run_job(
 
 
 def warn_about(film: Film, session: Session) -> None:
-    """Warn of a film that the session has rendered; `strict` takes that for an error when the film is saved."""
+    """Give the warnings about a film that the session has rendered; `strict` raises them as errors at the end."""
     for text in session.remarks(film):
         warn(text, late=True)
 
@@ -253,7 +253,7 @@ def _frame_scene(base: Scene, frame: Mapping[str, Any] | Camera | Scene) -> Scen
 
 @contextmanager
 def reporting_to(options: RunOptions, pictured: Callable[[Film], Film] | None = None) -> Iterator[RunOptions]:
-    """Context with the options whose `on_progress` also reports to the user, if `progress` is set."""
+    """Context that yields the options; if `progress` is set, their `on_progress` also reports to the user."""
     if not options.progress:
         yield options
         return

@@ -1,4 +1,4 @@
-"""Choice of the integrator for "auto", the fastest to a clean image, and of options that were not given.
+"""Choice of the integrator for "auto", which is the fastest to a clean image, and of options that were not given.
 
 "gather" is chosen if a radiosity solution is worth its time, all given options are supported, and the image is not
 a thumbnail. Otherwise "path" is chosen. A gather whose measured bias is too large is replaced by paths later
@@ -31,19 +31,19 @@ from glpath.rendering.options import options, settings_of
 from glpath.scene import Environment, Scene, path_traceable
 from glpath.scene.emitted import emitted_radiance
 
-#: Maximum number of triangles for a gather. Solving a larger scene takes longer than its image, most of all under a
-#: sky, to which each side casts rays. Processor seconds until an image looks clean, by paths and by a gather: 10
-#: and 50 (`benchmarks scene helmet`, 512 x 512 under a sky), 6 and 14 (the room of 57,490 triangles, 256 x 256, lit
-#: by lamps).
+#: Maximum number of triangles for a gather. For larger scenes, the radiosity solution takes longer than the image,
+#: most of all under a sky, to which each element casts rays. Processor seconds until an image looks clean, by paths
+#: and by a gather: 10 and 50 (`benchmarks scene helmet`, 512 x 512 under a sky), 6 and 14 (the room of 57,490
+#: triangles, 256 x 256, lit by lamps).
 MAX_TRIANGLES = 40_000
-#: Maximum number of pixels of a thumbnail, which paths render before a solver is loaded.
+#: Maximum number of pixels of a thumbnail. Paths render such a small image before a solver is even loaded.
 THUMBNAIL = 96 * 96
-#: Emitters count as lamps above this fraction of the sky's mean radiance, on a box around the scene. Fainter
-#: emitters, such as a screen or a diode, only belong to the scene's appearance.
+#: Emitters count as lamps if the mean radiance that they cause on the scene's bounding box exceeds this fraction of
+#: the sky's mean radiance. Fainter emitters, such as a screen or a diode, only belong to the scene's appearance.
 FAINT = 0.25
-# Order of preference: the first integrator that has all given options is chosen.
+# Order of preference. The first integrator that has all given options is chosen.
 _IN_THIS_ORDER = (GatherSettings, PathSettings, PathBufferSettings, TBufferSettings)
-#: Default `max_depth` of paths in a scene whose ambient light represents further bounces.
+#: Default `max_depth` of paths in a scene with ambient light, which represents further bounces.
 _DEPTH_WITH_AMBIENT = 5
 
 
@@ -75,20 +75,20 @@ def for_measuring(given: Mapping[str, Any], scene: Scene) -> str:
 
     given : options by name; None and False count as not given
 
-    It has no bias, unless an option that only the gather has is given. Scenes with streamed triangles take the
-    path-buffer, as for an image.
+    This integrator has no bias, unless an option that only the gather has is given. Scenes with streamed triangles
+    take the path-buffer, as for an image.
     """
     asked = {name: value for name, value in given.items() if value is not None and value is not False}
     by_scan = bool(scene.shapes.streams)
     order = (PathBufferSettings, GatherSettings) if by_scan else (PathSettings, PathBufferSettings, GatherSettings)
     owners = _owners(asked)
     having = [kind for kind in order if kind in owners]
-    kinds = [kind for kind in having if _takes(kind, asked)] or having or order  # the first one raises
+    kinds = [kind for kind in having if _takes(kind, asked)] or having or order  # the first one raises the error
     return kinds[0].integrator
 
 
 def _owners(given: Mapping[str, Any]) -> list[type[IntegratorSettings]]:
-    """Return the integrators that have all of the options, in order of preference; unset flags do not count."""
+    """Return the integrators that have all the options, in order of preference; False flags do not count."""
     known = options()
     owners = [known[name].settings for name, value in given.items() if value is not False and name in known]
     return [kind for kind in _IN_THIS_ORDER if all(kind.integrator in names for names in owners)]
@@ -96,12 +96,12 @@ def _owners(given: Mapping[str, Any]) -> list[type[IntegratorSettings]]:
 
 def _engine(given: Mapping[str, Any], scene: Scene, solvable: Callable[[], bool]) -> str:
     if any(shape.primitive == "plane" for shape in scene.shapes):
-        return TBufferSettings.integrator  # others lack planes
+        return TBufferSettings.integrator  # no other integrator supports planes
     if scene.shapes.streams:
         return PathBufferSettings.integrator
-    asked = {name: value for name, value in given.items() if value is not False}  # an unset flag does not count
+    asked = {name: value for name, value in given.items() if value is not False}  # False is an unset flag
     having = _owners(asked)
-    kinds = [kind for kind in having if _takes(kind, asked)] or having or [PathSettings]  # it raises the error
+    kinds = [kind for kind in having if _takes(kind, asked)] or having or [PathSettings]  # which raises the error
     if kinds[0] is GatherSettings and len(kinds) > 1:
         solved = not (_has_ambient(scene) or scene.moving_shapes) and solvable()
         return kinds[0 if solved else 1].integrator
@@ -123,10 +123,10 @@ def _has_ambient(scene: Scene) -> bool:
 
 
 def _stands_free(scene: Scene) -> bool:
-    """Return True for an object under a sky, seen from outside and with no other strong light.
+    """Return True for an object under a sky that is seen from outside, without other strong light.
 
-    Light reaches it directly or after few bounces. A solution is then not worth its time, because each element
-    casts many rays to the sky.
+    Light reaches the object directly or after few bounces. A solution is then not worth its time, because each
+    element casts many rays to the sky.
     """
     if scene.sky is None or scene.lights:
         return False

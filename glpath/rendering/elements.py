@@ -17,7 +17,8 @@ from glpath.rendering.calls import render
 
 Float64 = NDArray[np.float64]
 
-# Side of the blocks over which differences are averaged, pixels; differences of smaller blocks are only noise.
+# Side of the blocks over which differences are averaged, pixels. Differences of smaller blocks would be mostly
+# noise.
 _BLOCK = 8
 
 
@@ -27,8 +28,8 @@ class ElementError:
 
     bias        : relative error of the image's mean; negative if it is too dark
     bias_error  : standard error of `bias`, from the noise of the path sets
-    relmse      : relMSE of the means of 8 x 8 pixels, without noise; comparable to a film's relMSE
-    blocks      : (h, w, 3) float64, excess radiance of each block, W sr^-1 m^-2, including noise
+    relmse      : relMSE of the means of 8 x 8 pixels, with noise subtracted; comparable to a film's relMSE
+    blocks      : (h, w, 3) float64, mean excess radiance of each block, W sr^-1 m^-2, including noise
     """
 
     bias: float

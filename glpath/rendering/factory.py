@@ -44,57 +44,59 @@ if TYPE_CHECKING:
 Window = tuple[int, int, int, int]
 Say = Callable[[str], None]
 
-# Memory of an expanded triangle in bytes (5.9 GiB measured for 7.7 million triangles).
+# Memory in bytes for each triangle when instances are expanded (5.9 GiB measured for 7.7 million triangles).
 _BYTES_PER_TRIANGLE = 820
-# Number of triangles from which memory is checked.
+# Minimum number of triangles for which memory is checked.
 _MANY_TRIANGLES = 1_000_000
 
 _Shared = TypeVar("_Shared", PathBufferSettings, GatherSettings)
 
-# Minimum number of pixels per triangle for an interleaved image, which does work per triangle four times.
+# Minimum number of pixels per triangle for interleaving, which does all work per triangle four times.
 _PIXELS_PER_TRIANGLE = 16
 
-# Minimum fraction of the streamed triangles' area in their proxies. With less, a solution belongs to another scene.
+# Minimum area of the proxies, as a fraction of the streamed triangles' area. With less, their solution would be
+# that of a different scene.
 _LOST = 0.5
 
-# Fraction of lost rays above which the image is noisier than expected from its path sets.
+# If more than this fraction of rays is lost, a warning says that the image is noisier than its path sets suggest.
 _CROWDED = 0.25
 
-#: Key in the statistics of a film whose paths have no guides, because the time limit left no time for a solution.
+#: Key in a film's statistics. It shows that the paths have no guides, because the time limit left no time for a
+#: solution.
 UNGUIDED = "unguided_by_time_limit"
 
-#: Number of patches of a solution made for a gather. A gather looks up only indirect light, one bounce away, so the
-#: noise averages over hundreds of elements.
+#: Number of patches of a radiosity solution made for a gather. A gather looks up only indirect light, one bounce
+#: away, so the noise averages over hundreds of elements.
 GATHER_PATCHES = 500
-#: Minimum number of particles of such a solution. Compared with eight million particles, these few change an
-#: image's relMSE by 7e-6 (`cornell-box-36`) and 2e-5 (`room`). For the same error, progressive refinement takes
-#: three times as long there, and ten times in `office`.
+#: Minimum number of particles of a solution made for a gather. Compared with eight million particles, these few
+#: change an image's relMSE by 7e-6 (`cornell-box-36`) and 2e-5 (`room`). For the same error, progressive refinement
+#: takes three times as long there, and ten times in `office`.
 _MIN_PARTICLES = 1 << 16
-#: Maximum number of particles of such a solution.
+#: Maximum number of particles of a solution made for a gather.
 _MAX_PARTICLES = 1 << 20
 #: Number of particles for each triangle, between the minimum and the maximum.
 _PARTICLES_PER_TRIANGLE = 8
-# Factor on the particles under a sky; the solver adds more if these are too few. Most particles that start all over
-# a scene leave it at once, and few enter through a window. In a room of 4 x 5 beside a ground of 80 x 80, the
-# room's mean varies by 0.5 % between seeds.
+# Factor on the number of particles if the scene has a sky or `lights`; the solver adds more if these are too few.
+# Most particles that start all over a scene leave it at once, and few enter through a window. In a room of 4 x 5
+# beside a ground of 80 x 80, the room's mean varies by 0.5 % between seeds.
 _STARTING_EVERYWHERE = 4
 #: Difference between parts of an element above which the element is split, as a fraction of the local irradiance.
 _THRESHOLD = 0.25
-#: The same fraction for a refined solution.
+#: Value of `_THRESHOLD` for a refined solution.
 _REFINED_THRESHOLD = 0.09
 #: Factor on the number of patches for a refined solution.
 _MORE_PATCHES = 4
 #: Factor on the number of particles for a refined solution.
 _MORE_PARTICLES = 8
-_COARSE_PIXELS = 1 << 16  # pixels of an image for which GATHER_PATCHES suffice
+_COARSE_PIXELS = 1 << 16  # maximum number of pixels of an image for which GATHER_PATCHES suffice
 
 
 def solve_for_gather(
     scene: Scene, on_progress: Callable[[RadiosityProgress], None] | None = None, *, refined: bool = False
 ) -> RadiositySolution:
-    """Solve the radiosity coarsely by particles, for guided paths, and for a gather without a given solution.
+    """Solve the radiosity coarsely by particles, to guide paths, or for a gather that was given no solution.
 
-    A larger image gets more elements, because finer guides are worth their cost there.
+    A larger image gets more elements, because finer guides are worth their cost in a larger image.
 
     refined : True for more and finer elements, if the bias with the usual ones is too large
     """
@@ -118,10 +120,10 @@ def solve_for_gather(
 
 
 class Counts(Protocol):
-    """Interface of an engine that a film's metadata use."""
+    """Part of an engine's interface that is needed for a film's metadata."""
 
     def statistics(self) -> dict[str, object]:
-        """Return the counts so far."""
+        """Return the engine's counts so far, for `FilmMetadata.statistics`."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,7 @@ class Plan(ABC):
         """
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
-        """Return the plan with results that need the traceable scene but no context, such as a radiosity solution.
+        """Return the plan with results that need the traceable scene but no context, that is a radiosity solution.
 
         say : function called at intervals with a description of the work
         """
@@ -189,7 +191,7 @@ class Plan(ABC):
         return None
 
     def resumed(self, film: Film | None) -> Plan:
-        """Return the plan with which a film was begun; its integrator and solution may have been replaced then."""
+        """Return the plan that began a film, in which integrator and solution may have been replaced."""
         return self
 
     def change_scene(self, engine: Engine, scene: Scene) -> None:
@@ -201,7 +203,7 @@ class Plan(ABC):
         return []
 
     def solution_error(self) -> float | None:
-        """Return `FilmMetadata.solution_error` of the camera's image for a prepared plan; None without bias."""
+        """Return `FilmMetadata.solution_error` of a prepared plan for the camera's image; None without bias."""
         return None
 
 
@@ -238,7 +240,7 @@ class _Paths(Plan):
     def prepared(self, scene: Scene, say: Say) -> Plan:
         if not self.settings.guided or self.solution is not None:
             return self
-        # Guides may come from any moment and from an unfinished solution, because paths stay unbiased.
+        # The solution may be of any moment, and unfinished, because it only guides paths, which stay unbiased.
         if self.is_resumed:
             return replace(self, solution=_solved(scene.still(), say, refined=self.is_refined))
         solution = _solved_in_time(scene.still(), say, refined=self.is_refined)
@@ -313,7 +315,7 @@ class _PathBuffer(Plan):
 
 
 def _interleaved(settings: _Shared, scene: Scene) -> _Shared:
-    """Return the settings with `interleave` decided, which renders an image as four parts of every second pixel."""
+    """Return the settings with `interleave` decided: whether an image is four parts of every second pixel."""
     if settings.interleave is not None or not settings.by_path_buffer:
         return settings
     width, height = scene.camera.resolution
@@ -333,7 +335,7 @@ def _engine_with_solution(
 ) -> Engine:
     """Return the engine of a plan, with its radiosity solution if it has one."""
     solution, settings = plan.solution, plan.settings
-    # Solutions contain the triangles of all instances, and sensors of points need them expanded, too.
+    # Instances are not expanded if there is no solution and the sensor is a camera. Others need all triangles.
     parted = instanced(scene) if solution is None and isinstance(sensor, CameraSensor) else None
     if parted is None:
         _check_expandable(scene)
@@ -365,7 +367,7 @@ def _check_expandable(scene: Scene) -> None:
 
 
 def _posed(scene: Scene) -> Scene:
-    """Return the scene while the shutter is open, without motion outside of that time."""
+    """Return the scene with only the motion that happens while the shutter is open."""
     return scene if scene.moving_shapes else scene.still()
 
 
@@ -427,7 +429,7 @@ def _crowding(film: Film) -> list[str]:
 
 
 def _without_ground(scene: Scene) -> list[str]:
-    """Return a warning if the scene has a ground; engines that cast rays by scans need surfaces to start from."""
+    """Return a warning if the scene has a ground, which path-buffer scans cannot show: rays start at surfaces."""
     if scene.background is None or scene.background.ground is None or scene.sky is None:
         return []
     return [
@@ -561,7 +563,8 @@ class _Gathering(Plan):
         )
         path = PathSettings(guide="solution").completed(lambda: True)
         known = engine.radiosity if isinstance(engine, RayPathEngine) else None
-        # The engine's image uses the same lookup, unless one of these options is given.
+        # The probe shares the engine's solution on the device, unless an option makes the engine look it up
+        # differently.
         usual = (
             self.settings.guided and gather.direct_light == "traced" and gather.radiosity_lookup == "interpolated"
         )

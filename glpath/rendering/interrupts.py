@@ -13,8 +13,8 @@ from glpath.errors import kept_in
 from glpath.film.film import Film
 from glpath.system.signals import ENDING, REPEATED
 
-# Time for an unfinished path set to end after a signal of `TERMINATING`, such as SIGTERM, seconds. The sender kills
-# the process soon after: containers after ten seconds, Slurm after thirty.
+# Maximum time, in seconds, for the current path set to end after a terminating signal, such as SIGTERM. The sender
+# kills the process soon after: containers after ten seconds, Slurm after thirty.
 _GRACE = 4.0
 
 
@@ -72,7 +72,7 @@ class Flag:
         os.kill(os.getpid(), self.signal)
 
     def signalled(self, number: int, break_in: Callable[[], object]) -> None:
-        """Record a signal. From the second one on, call `break_in`, except for signals that the system repeats."""
+        """Record a signal. From the second one on, call `break_in`, unless the system itself repeats the signal."""
         if self.set and number in REPEATED and not self._late:
             return
         if not self.set:

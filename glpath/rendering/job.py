@@ -265,7 +265,7 @@ class RenderJob:
 
 
 class CameraFile(msgspec.Struct, forbid_unknown_fields=True, tag="camera"):
-    """Camera as the sensor of a job file; lengths in scene units, angles in degrees, times in seconds."""
+    """Camera in a job file, as its sensor; lengths in scene units, angles in degrees, times in seconds."""
 
     position: tuple[float, float, float]
     target: tuple[float, float, float]
@@ -283,7 +283,7 @@ class CameraFile(msgspec.Struct, forbid_unknown_fields=True, tag="camera"):
 
 
 class PointsFile(msgspec.Struct, forbid_unknown_fields=True, tag="points"):
-    """Points as the sensor of a job file: their number, and the SHA-256 of the table that `run` gets."""
+    """Points in a job file, as its sensor: only their number and SHA-256. `run` gets the points themselves."""
 
     resolution: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
@@ -341,7 +341,7 @@ def describe(
         starts = CameraSensor.of(loaded.camera)
         settings = chosen(integrator, given, loaded, math.prod(starts.resolution))
         if loaded.background is not None and loaded.background.transparent:
-            aovs = {*settings.aovs, "depth"}  # depth gives alpha
+            aovs = {*settings.aovs, "depth"}  # the alpha channel is made from depth
             settings = replace(settings, aovs=tuple(name for name in AOVS if name in aovs))
     else:
         if resolution is not None or camera is not None:

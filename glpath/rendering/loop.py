@@ -33,7 +33,7 @@ _STEP_SECONDS = 0.5
 
 
 def trace(engine: Engine, context: Context, tiles: list[Tile], clock: Clock, path_sets: tuple[int, int]) -> None:
-    """Add the missing path sets to the clock's film, in steps between which the context is free.
+    """Add the missing path sets to the clock's film in steps; between steps, other threads can use the context.
 
     Raises RenderInterrupted. Raises ContextError if the device fails; the film remains valid.
     """
@@ -41,7 +41,8 @@ def trace(engine: Engine, context: Context, tiles: list[Tile], clock: Clock, pat
         try:
             rule = _trace(engine, context, tiles, clock, path_sets, interrupted)
         except KeyboardInterrupt:
-            # Raised for the flag, or by a second Ctrl-C within a step. The film holds the steps before it.
+            # The loop raises it for the flag, or a second Ctrl-C within a step. The film holds the steps before
+            # that.
             clock.finish(engine, INTERRUPTED_RULE)
             raise RenderInterrupted(clock.film, interrupted.signal) from None
         clock.finish(engine, rule)
@@ -77,7 +78,7 @@ def _trace(
 
 
 def missing(path_sets: tuple[int, int], ranges: tuple[tuple[int, int], ...]) -> Iterator[tuple[int, int]]:
-    """Yield the path sets that no range contains, split where the batch changes; ranges are in order."""
+    """Yield, as ranges split where the batch changes, the path sets that are in none of the sorted `ranges`."""
     start, end = path_sets
     for done_start, done_stop in (*ranges, (end, end)):
         yield from blocks(start, min(done_start, end))
@@ -128,7 +129,7 @@ class Clock:
         return self._before.elapsed_s + time.perf_counter() - self.started
 
     def ended(self, at_block: bool) -> str:
-        """Return the rule that ends the render after a step, or "".
+        """Return the rule that ends the render after a step, or "" if the render continues.
 
         at_block : True if the step was the last one of a block, so that batches can be compared
         """
@@ -182,11 +183,11 @@ class Clock:
                 self.renderer,
             )
         )
-        # The estimate reads the whole film, and an image is encoded. Limit the fraction of time that reports take.
+        # The error estimate reads the whole film, and an image is encoded. Limit reports to a sixth of the time.
         self._last_report = now + 5 * (time.perf_counter() - now)
 
     def begin_step(self) -> None:
-        """Start the time of a step, without the time since the last step for waiting and callbacks."""
+        """Start timing a step, so that waiting and callbacks since the last step do not count."""
         self._last_step = time.perf_counter()
 
     def _expected(self) -> int:
@@ -201,7 +202,7 @@ class Clock:
         return min(self.total, max(done + 1, round(min(guesses))))
 
     def count_step(self, count: int) -> None:
-        """Count a step of `count` path sets, and choose the length of the next step to fit the time of one."""
+        """Measure a step of `count` path sets, and choose how many the next one has within _STEP_SECONDS."""
         each = (time.perf_counter() - self._last_step) / count
         self.step = max(1, min(BLOCK, int(min(_STEP_SECONDS, seconds_left()) / max(each, 1e-9))))
 
@@ -213,7 +214,7 @@ class Clock:
         self.report("rendering", ended)
 
     def finish(self, engine: Counts, rule: str) -> None:
-        """Update the film's metadata; the statistics are known only now."""
+        """Update the film's metadata with the time, the engine's statistics, and the rule that ended the render."""
         counts = self.statistics | engine.statistics()
         self.film.metadata = replace(
             self.film.metadata,
@@ -254,7 +255,7 @@ def _step(
             if name not in aovs:
                 aovs[name] = np.zeros((*total.shape[:2], found.shape[2]), found.dtype)
             aovs[name][tile.target] = found[tile.keep]
-    _check_device(context)  # checked before its sums are added to the film
+    _check_device(context)  # before sums of a failed device can get into the film
     with interrupted.whole():
         film.add(start, start + count, total, aovs)
     return count

@@ -1,8 +1,8 @@
 """Options of a render, derived from the fields of the integrators' settings (`glpath.integrators.by_name`).
 
-Each field gives a parameter of `render` with its line in the docstring (`with_options`), and the check of its value
-(`settings_of`). `glpath.cli.options` makes the command line option from it. Options of a run (`run_options`) are
-added.
+Each field becomes a parameter of `render`, with a line in its docstring (`with_options`) and a check of its value
+(`settings_of`). `glpath.cli.options` makes the command line option from the field. Options of a run (`run_options`)
+are added.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ class RenderKeywords(IntegratorKeywords, RunKeywords, total=False):
     """Keyword arguments of a render, for type checkers."""
 
 
-#: Word that chooses all words of an option with several values.
+#: Word that stands for all words of an option that takes several.
 ALL = "all"
 
 _WIDTH = 110
 
-#: Names of options in other programs, which are too unlike ours to be found by similar spelling.
+#: Options of other programs and what they are called here, if the names are too different for similar spelling.
 _ELSEWHERE = {
     "width": "resolution=(width, height)",
     "height": "resolution=(width, height)",
@@ -92,7 +92,7 @@ class Setting:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Words that may be chosen; () for other types."""
+        """Words to choose from, if the type is a Literal or a tuple of it; () for other types."""
         chosen = get_args(self.type)[0] if self.several else self.type
         return get_args(chosen) if get_origin(chosen) is Literal else ()
 
@@ -116,12 +116,12 @@ class Option:
 
     @property
     def first(self) -> Setting:
-        """Setting of the first integrator, whose type all share."""
+        """Setting of the first integrator that has the option; all have the same type."""
         return next(iter(self.settings.values()))
 
     @property
     def default(self) -> Any:
-        """Default of the parameter; None if defaults differ or if an integrator lacks the option."""
+        """Default of the parameter; None if integrators have different defaults, or if one lacks the option."""
         common = [s.default for s in self.settings.values()]
         everywhere = len(common) == len(INTEGRATORS) or self.first.type is bool
         return common[0] if everywhere and all(value == common[0] for value in common) else None
@@ -196,7 +196,7 @@ def settings_of(integrator: str | IntegratorSettings, given: Mapping[str, Any]) 
     else:
         check_word("integrator", integrator, get_args(Integrator))
         name, base = integrator, INTEGRATORS[integrator]()
-    # An unset flag of another integrator is ignored.
+    # A flag of another integrator that is False is ignored.
     others_flags = [o.name for o in known.values() if o.default is False and name not in o.settings]
     given = {k: v for k, v in given.items() if v is not None and not (v is False and k in others_flags)}
     for option, value in given.items():
@@ -408,7 +408,7 @@ def run_options_text() -> str:
 
 
 def annotation_of(option: Option) -> Any:
-    """Return the annotation of the parameter, which accepts more types than the field."""
+    """Return the annotation of an option's parameter, which accepts more types than the settings' field."""
     kind: Any = option.first.type
     if kind == Rgb:
         kind = float | kind

@@ -40,8 +40,8 @@ Float64 = NDArray[np.float64]
 
 Receiver = Literal["plane", "cylinder"]
 
-#: Number of directions around a cylinder. With 32 the mean of a lamp's light has an error of at most 0.2 %, because
-#: a clamped cosine has a harmonic of 2 / (32^2 - 1) there. It is a power of two, so path sets use each direction
+#: Number of directions around a cylinder. With 32, the mean over them has an error of at most 0.2 % for one lamp:
+#: harmonic 32 of a clamped cosine is 2 / (32^2 - 1). The number is a power of two, so path sets use each direction
 #: equally often.
 _AROUND = 32
 

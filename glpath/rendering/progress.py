@@ -38,7 +38,7 @@ Report = Callable[[Progress], None]
 
 
 def reporting(mode: str, stream: IO[str] | None) -> AbstractContextManager[Report | None]:
-    """Return the reporter of a mode of `glpath.system.reporting.MODES`; "auto" is an image in a notebook."""
+    """Return a context with the reporter for a mode of `MODES`; in a notebook, "auto" shows the image."""
     if mode == "auto" and in_notebook():
         return _image()
     pace = _Pace()
@@ -86,7 +86,7 @@ def _image() -> Iterator[Report]:
             handles[name] = display(bundle, raw=True, display_id=True)  # type: ignore[no-untyped-call]
 
     def remove_picture() -> None:
-        """Remove the image, because the cell shows the film itself."""
+        """Remove the image from the output, because the cell shows the film itself."""
         if cell is not None and running_cell() == cell:
             show("picture", {"text/plain": ""})
 

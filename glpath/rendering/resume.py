@@ -29,7 +29,7 @@ def check_same_render(
 ) -> None:
     """Raise AnotherRenderError, with all differences, unless a render with this metadata began the film.
 
-    unknown : names of metadata, as in `differences`, that are not compared yet
+    unknown : names of metadata, as in `differences`, that are not compared, because their values are not known yet
 
     Another device, driver or library is only logged. A render may move to another machine, but the sum is then not
     bit-identical to that of one device.

@@ -126,11 +126,11 @@ class RunOptions:
         return open_context(self.backend, self.device, self.require_gpu, probe_first=in_notebook())
 
     def for_workers(self) -> RunOptions:
-        """Return the options for a part of a render on a worker, without those of its end, film and reports."""
+        """Return the options for a worker that renders a part: without time limit, stop rules, film and reports."""
         here = ("time_limit", "noise", "clean", "film", "on_step", "progress", "on_progress", "cluster")
         return RunOptions(**{name: value for name, value in vars(self).items() if name not in here})
 
     def spp(self, asked: int | None) -> int | None:
-        """Return a job's path sets as given, or the maximum if a rule ends the render; None: the default."""
+        """Return a job's number of path sets: `asked`, or the maximum if a rule ends the render; None: default."""
         ends_by_rule = not (self.time_limit is None and self.noise is None and self.clean is None)
         return MAX_SPP if asked is None and ends_by_rule else asked

@@ -76,7 +76,8 @@ class Session:
         """Free the data on the device and their memory. The next render makes a new engine."""
         engine, self._engine, self._probe = self._engine, None, None
         if engine is not None:
-            # If another thread keeps the context, that thread frees the memory. The film must not be lost.
+            # If another thread holds the context, closing fails, and that thread frees the memory. The film must
+            # not be lost.
             with suppress(ContextError), self._context:
                 engine.close()
                 del engine
@@ -115,7 +116,7 @@ class Session:
         began = time.perf_counter()
         if self._engine is None:
             clock.report("compiling shaders")
-            # Half of the limit, because the two views of a scan are side by side.
+            # A side is at most half of the largest texture, because the two views of a scan lie side by side.
             self._tiles = cover(job.window, self._context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
             with self._context as context:
                 sensor = sensor_in(self._traced, job.sensor, scene)
@@ -188,14 +189,14 @@ class Session:
 
 
 def remarks_of(plan: Plan, film: Film) -> list[str]:
-    """Return warnings of the plan and of invalid samples about a finished film."""
+    """Return the warnings about a finished film: those of the plan, and one if samples were invalid."""
     dropped = film.metadata.statistics.get("dropped_samples", 0)
     text = f"{film.metadata.scene}: {dropped} samples were NaN or infinite and count as 0."
     return plan.remarks(film) + [text] * (dropped > 0)
 
 
 def _differs(before: RenderJob, job: RenderJob, scene: Scene) -> bool:
-    """Return True if a job has another scene than the one before, or other positions of moving shapes."""
+    """Return True if a job has another scene than the job before, or other positions of moving shapes."""
     moved = before.sensor.shutter != job.sensor.shutter and any(shape.motion is not None for shape in scene.shapes)
     return moved or job.scene.sha256 != before.scene.sha256
 
@@ -232,7 +233,7 @@ def begin(
         film = empty_film(metadata)
     else:
         check_same_render(film, metadata, job.path_sets, set() if prepared else {"settings.radiosity"})
-        film.metadata = replace(film.metadata, unit=metadata.unit)  # missing in older files
+        film.metadata = replace(film.metadata, unit=metadata.unit)  # older film files have no unit
     count_earlier(film.metadata.elapsed_s)
     renderer = "" if context is None else context.info.renderer
     return Clock(film, job.spp, renderer, options, started=counted_from())
@@ -332,7 +333,7 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         aovs=job.integrator.aovs,
         **_names(job, scene),
         **_position_origin(job, scene),
-        # Known only for the camera of the solution; a gather at points has other errors.
+        # Known only for the camera for which the solution was made; a gather at points has other errors.
         solution_error=plan.solution_error() if isinstance(job.sensor, CameraSensor) else None,
         device="" if context is None else context.info.renderer,
         versions=_versions(context),

@@ -16,22 +16,22 @@ if TYPE_CHECKING:
     from glpath.film.film import Film
     from glpath.rendering.run_options import RunOptions
 
-#: Fraction of renders whose error is below the given noise bound.
+#: Confidence of the noise rule: fraction of renders whose error is below the limit that ended them.
 CONFIDENCE = 0.95
 
-#: Number of path sets before the first noise check.
+#: Number of path sets at the first check of a noise rule.
 FIRST_LOOK = MIN_BATCHES * BLOCK
 
-#: Number of blocks of path sets before a denoised image is checked. Two halves need at least two blocks. With few
-#: sets, the denoiser leaves blotches that both halves may share.
+#: Number of blocks of path sets at the first check of a denoised image. Two halves need at least two blocks. With
+#: few path sets, the denoiser leaves blotches that both halves may share, so the error would be underestimated.
 _BLOCKS_OF_CLEAN = 2
 
 
 def looked_at(options: RunOptions, path_sets: int) -> bool:
     """Return True if a rule checks a film with this number of path sets, which is at the end of a block.
 
-    A film is checked after every block at first. Later checks follow when it has grown by about an eighth, or by a
-    half if a check denoises. Each check costs time and adds a chance to end by luck.
+    A film is checked after every block at first. Later checks follow when the film has grown by about an eighth, or
+    by a half if a check denoises. Each check costs time, and is a chance that the estimated error is too low.
     """
     whole = path_sets // BLOCK
     by_noise = options.noise is not None and whole >= MIN_BATCHES and _is_round(whole, 4)
@@ -40,7 +40,7 @@ def looked_at(options: RunOptions, path_sets: int) -> bool:
 
 
 def _is_round(number: int, bits: int) -> bool:
-    """Return True if all bits of a number after its first `bits` are zero."""
+    """Return True if only the first `bits` bits of a number, from its highest one, are not zero."""
     return number % (1 << max(0, number.bit_length() - bits)) == 0
 
 
@@ -50,7 +50,7 @@ def first_look(options: RunOptions) -> int:
 
 
 def ended_by(film: Film, options: RunOptions) -> tuple[str, float | None]:
-    """Return the rule that a film satisfies, or "", and the error that was compared, or None."""
+    """Return the rule whose limit a film meets, or "", and the error compared with the limit, or None."""
     if not looked_at(options, film.path_sets):
         return "", None
     if options.noise is not None:

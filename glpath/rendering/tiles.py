@@ -26,7 +26,7 @@ def cover(window: tuple[int, int, int, int], limit: int) -> list[Tile]:
     """Return tiles of one size that cover the window; the last of a row or column overlaps the one before."""
     x0, y0, width, height = window
     side = min(limit, math.isqrt(MAX_PATHS))
-    # A flat image may be as wide as the device's limit.
+    # A tile of a low image may be as wide as the device's limit.
     across = -(-width // side) if height > side else -(-width // min(limit, MAX_PATHS // height))
     w = -(-width // across)
     down = -(-height // min(limit, MAX_PATHS // w))
@@ -35,7 +35,8 @@ def cover(window: tuple[int, int, int, int], limit: int) -> list[Tile]:
     for i in range(down):
         for j in range(across):
             x, y = min(j * w, width - w), min(i * h, height - h)
-            # Columns x..j * w belong to the neighbour.
+            # The tile overlaps its left neighbour in columns x to j * w, and its upper one likewise; they keep
+            # these pixels.
             keep = slice(i * h - y, h), slice(j * w - x, w)
             target = slice(i * h, y + h), slice(j * w, x + w)
             found.append(Tile((x0 + x, y0 + y, w, h), keep, target))

@@ -33,11 +33,11 @@ from glpath.film.noise import standard_error
 
 Float64 = NDArray[np.float64]
 
-# Position of the estimate between the minimum of all values (0) and that of the halves (1).
+# Position of the estimate between the minimum of all noisy values (0) and the minimum estimated by halves (1).
 _TOWARDS_HALVES = 0.75
 # Minimum number of batches to estimate the correlation of a sequence's batches.
 _MIN_BATCHES = 4
-#: Maximum distance of an extreme's bounds, as a fraction of the extreme, at which it counts as decided.
+#: A minimum or maximum counts as decided if its bounds are at most this far apart, as a fraction of its value.
 UNDECIDED = 0.1
 
 
@@ -65,8 +65,8 @@ class Extreme(Estimate):
 class Spread:
     """Mean, minimum and maximum of values at points, in lux or any other unit; see the module.
 
-    u0 : minimum over mean, EN 12464-1's uniformity
-    ud : minimum over maximum, its diversity
+    u0 : minimum divided by mean, the uniformity of EN 12464-1
+    ud : minimum divided by maximum, the diversity of EN 12464-1
     """
 
     mean: Estimate
@@ -83,12 +83,12 @@ class Spread:
 
     @property
     def undecided(self) -> float:
-        """Largest distance between the bounds of the minimum or maximum, as a fraction of its value."""
+        """Larger distance between the bounds, of the minimum or the maximum, as a fraction of its value."""
         shares = [x.bounds / x.value if x.value > 0 else 0.0 for x in (self.minimum, self.maximum)]
         return max((share for share in shares if np.isfinite(share)), default=0.0)
 
     def asks_for(self, path_sets: int) -> int | None:
-        """Return the power of two of path sets that decides both extremes; None if `path_sets` suffice."""
+        """Return the number of path sets, a power of two, to decide both extremes; None if `path_sets` suffice."""
         if not self.undecided > UNDECIDED:
             return None
         return int(2 ** np.ceil(np.log2(path_sets * (self.undecided / UNDECIDED) ** 2)))
@@ -117,7 +117,7 @@ def _minimum(sums: Float64, counts: NDArray[np.int64]) -> Extreme:
     plain = float(means.min())
     if batches < _MIN_BATCHES:
         return Extreme(plain, np.nan, plain)
-    # The correlation of errors is -k between batches, and -c between halves.
+    # The correlation of errors is -k between two batches, and -c between the two halves of the batches.
     k = (1 - gain) / (batches - 1 + gain)
     c = 0.5 * batches * k / (1 - (0.5 * batches - 1) * k)
     values, weights = [], []
@@ -130,8 +130,8 @@ def _minimum(sums: Float64, counts: NDArray[np.int64]) -> Extreme:
     other = min(float(np.average(values, weights=weights)), float(means.mean()))
     bounds = max(other - plain, 0.0)
     value = plain + _TOWARDS_HALVES * bounds
-    # If noise is skewed, a point with too low a value also has a small spread. Use all points that may be the
-    # lowest.
+    # With skewed noise, a point whose value is too low also has too small a spread. Therefore use the errors of all
+    # points that may be the lowest.
     own = standard_error(sums, counts)
     own = own[means - 2 * own <= (means + 2 * own).min()]
     # The variance of a uniform distribution between two bounds is a twelfth of their squared distance.
@@ -139,9 +139,9 @@ def _minimum(sums: Float64, counts: NDArray[np.int64]) -> Extreme:
 
 
 def _gain(sums: Float64, counts: NDArray[np.int64]) -> float:
-    """Return the variance of means over all batches, relative to that of independent batches.
+    """Return the variance of the mean over all batches, relative to that of independent batches.
 
-    The index of a batch is three bits of its path sets' indices. If the variance of n path sets falls as n^-(1 +
+    The number of a batch is three bits of its path sets' numbers. If the variance of n path sets falls as n^-(1 +
     a), batches that differ in the lowest bit differ most. With each further bit, the variance falls by 2^-a, down
     to the variance of the mean over all batches.
     """
@@ -175,7 +175,7 @@ def _gain(sums: Float64, counts: NDArray[np.int64]) -> float:
 
 
 def _halves(batches: int) -> Iterator[list[int]]:
-    """Yield the indices of the choosing batches: all halves, both smaller and larger ones for an odd number."""
+    """Yield the numbers of the batches that choose: all halves, of both sizes if the number of batches is odd."""
     for size in sorted({batches // 2, batches - batches // 2}):
         yield from (list(each) for each in combinations(range(batches), size))
 

@@ -1,4 +1,4 @@
-"""Starts of paths as plain data, for a `RenderJob` and for the first stage of an engine.
+"""Sensors: the points where paths start, as plain data, for a `RenderJob` and for the first stage of an engine.
 
 Two kinds exist: the pixels of a camera, and points with normals, either free or on the texels of a surface.
 """
@@ -21,15 +21,15 @@ from glpath.scene.model import Camera, Scene
 Vector = tuple[float, float, float]
 Float32 = NDArray[np.float32]
 
-#: Tolerance of the length of a normal, which must be one.
+#: Maximum difference between the length of a normal and 1.
 _UNIT = 1e-3
-#: Assumed size of a single point, as a fraction of its largest coordinate.
+#: Size assumed for a single point, which has no extent, as a fraction of its largest coordinate.
 _ALONE = 0.01
 
 
 @dataclass(frozen=True)
 class SensorKey:
-    """Pose of a camera at a time; values as in `glpath.scene.CameraKey`, which has arrays."""
+    """Pose of a camera at a time; fields as in `glpath.scene.CameraKey`, with tuples instead of arrays."""
 
     time: float
     position: Vector
@@ -39,7 +39,7 @@ class SensorKey:
 
 @dataclass(frozen=True)
 class CameraSensor:
-    """Pixels of a camera; values as in `glpath.scene.Camera`, which has arrays.
+    """Pixels of a camera; fields as in `glpath.scene.Camera`, with tuples instead of arrays.
 
     position, target, up : scene units
     fov                  : vertical field of view of the whole image, degrees
@@ -91,11 +91,11 @@ class CameraSensor:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """Properties that an engine is made for: projection, lens, motion."""
+        """Properties that an engine is built for: projection, lens, motion. Equal ones allow its reuse."""
         return (self.projection, self.aperture_radius > 0, self.camera.moves)
 
     def moved(self, origin: NDArray[np.float64]) -> CameraSensor:
-        """Return the sensor relative to a point (3,), or itself if that is zero."""
+        """Return the sensor in coordinates relative to `origin` (3,), or unchanged if `origin` is zero."""
         return CameraSensor.of(moved_camera(self.camera, origin)) if origin.any() else self
 
     def seen(self, scene: Scene) -> Scene:
@@ -109,18 +109,18 @@ class CameraSensor:
         return replace(self, resolution=(max(1, round(scale * width)), max(1, round(scale * height))))
 
     def as_json(self) -> dict[str, Any]:
-        """Return the fields for JSON, without defaults, so that a pinhole's JSON stays as in earlier versions."""
+        """Return the fields for JSON, except defaults, so that a pinhole's JSON stays as in earlier versions."""
         changed = {f.name for f in fields(self) if getattr(self, f.name) != f.default}
         return {"type": "camera"} | {name: value for name, value in asdict(self).items() if name in changed}
 
     def recorded(self) -> dict[str, Any]:
-        """Return the record for a film's settings, which is empty because the scene contains the camera."""
+        """Return what a film's settings record of the sensor: nothing, because the scene contains the camera."""
         return {}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PointTables:
-    """Points and their normals, in rows and columns like the pixels of a film; row 0 is the film's first.
+    """Points and their normals, in rows and columns like the pixels of a film; row 0 is row 0 of the film.
 
     positions : (S, H, W, 3) float32, scene units, relative to `origin`; each path set takes one of the S tables
     normals   : (S, H, W, 3) float32, unit: light from the other side does not count
@@ -154,8 +154,9 @@ class PointTables:
 class PointSensor:
     """Points with normals: each is a small white Lambertian receiver, lit from the side of its normal.
 
-    A film of it holds the radiance of such receivers; pi times that is the irradiance. Points may lie on surfaces
-    of the scene, which do not shadow themselves, or free in space. The first vertex of a path is the point:
+    A film of this sensor holds the radiance of these receivers; pi times the radiance is the irradiance. Points may
+    lie on surfaces of the scene, which do not shadow themselves, or free in space. The first vertex of a path is
+    the point:
     `max_depth` 1 is direct light.
 
     `PointSensor.of` creates it. A job's JSON has all fields but the points themselves, which their digest
@@ -165,7 +166,7 @@ class PointSensor:
     sha256     : digest of the points, see `PointTables.digest`
     count      : number of valid points
     middle     : centre of the bounding box of the valid points, scene units
-    tables     : number of tables from which a path set takes one: a texel has the mean light of that many points
+    tables     : number S of tables; each path set takes one, so a texel has the mean light of S points
     smooth     : True if the points have shading normals
     shutter    : opening and closing time, seconds, for moving objects
     independent : True if each point draws its own light samples, with integrators whose paths have their own
@@ -196,7 +197,7 @@ class PointSensor:
         origin: Vector | None = None,
         independent: bool = False,
     ) -> PointSensor:
-        """Create the sensor of points.
+        """Create a sensor from arrays of points.
 
         positions       : (H, W, 3), or (S, H, W, 3), of which each path set takes table int(u S). u is the first of
                           the two numbers that position a camera's rays in its pixels. So the S points of a texel
@@ -225,7 +226,7 @@ class PointSensor:
         directions = [_directions("normals", normals, position, inside)]
         if shading_normals is not None:
             directions.append(_directions("shading_normals", shading_normals, position, inside))
-        # Table by table, because they may be many.
+        # One table at a time, because there may be many tables.
         edges = np.array([(some.min(axis=0), some.max(axis=0)) for some in (table[inside] for table in position)])
         if not np.isfinite(edges).all():
             raise UsageError("points: a position is not finite.")
@@ -248,11 +249,11 @@ class PointSensor:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """Properties that an engine is made for: number of tables, shading normals, independence."""
+        """Properties that an engine is built for: more than one table, shading normals, independent points."""
         return ("points", self.tables > 1, self.smooth, self.independent)
 
     def moved(self, origin: NDArray[np.float64]) -> PointSensor:
-        """Return the sensor relative to a point (3,), or itself if that is zero. `sha256` does not change."""
+        """Return the sensor relative to `origin` (3,), or unchanged if `origin` is zero. Keeps `sha256`."""
         if not origin.any():
             return self
         points = self.points
@@ -261,7 +262,7 @@ class PointSensor:
         return replace(self, middle=_plain(np.array(self.middle) - origin), points=points)
 
     def reduced(self, side: int) -> PointSensor:
-        """Return a sensor of side * side / 2 points, spread evenly over the valid points; points may repeat.
+        """Return a sensor of side * side / 2 points, chosen evenly from the valid points; points may repeat.
 
         side : a multiple of 16. Neighbours lie in the same of 8 x 8 blocks, which `glpath.film.bias` compares.
         """
@@ -285,7 +286,7 @@ class PointSensor:
         return replace(self, resolution=(side, side // 2), sha256=few.digest, count=count, points=few)
 
     def seen(self, scene: Scene) -> Scene:
-        """Return the scene with a camera amid the points instead of its own, which is not used.
+        """Return the scene with its camera replaced by one amid the points, which rendering does not use.
 
         Raises UsageError if the points must be supplied.
         """
@@ -302,15 +303,15 @@ class PointSensor:
         return replace(scene, camera=camera)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the fields for JSON, without the points."""
+        """Return the fields for JSON, without the arrays of points."""
         return {"type": "points"} | {f.name: getattr(self, f.name) for f in fields(self) if f.name != "points"}
 
     def recorded(self) -> dict[str, Any]:
-        """Return the record for a film's settings: films merge if their points are the same."""
+        """Return what a film's settings record of the sensor: films merge only if the points are the same."""
         return {"points": self.sha256}
 
     def given(self, points: PointTables | None) -> PointSensor:
-        """Return the sensor with its points. Raises UsageError for other points, and if there are none."""
+        """Return the sensor with `points`; None: its own. Raises UsageError for other points, or if it has none."""
         points = self.points if points is None else points
         if points is None:
             raise UsageError(
@@ -328,7 +329,7 @@ Sensor = CameraSensor | PointSensor
 
 
 def _table(name: str, given: ArrayLike) -> Float32:
-    """Return an array (S, H, W, 3) float32. Raises UsageError."""
+    """Return `given` as a float32 array (S, H, W, 3), where (H, W, 3) has S = 1. Raises UsageError."""
     try:
         array = np.asarray(given, np.float32)
     except (TypeError, ValueError):
@@ -339,7 +340,7 @@ def _table(name: str, given: ArrayLike) -> Float32:
 
 
 def _near_origin(positions: ArrayLike, valid: ArrayLike | None) -> tuple[ArrayLike, Vector]:
-    """Return positions relative to an origin near them, and that origin.
+    """Return positions relative to an origin near them, and this origin.
 
     Positions near zero, and invalid input, are returned unchanged, with a zero origin.
     """
@@ -353,21 +354,21 @@ def _near_origin(positions: ArrayLike, valid: ArrayLike | None) -> tuple[ArrayLi
     low, high = among.min(axis=0), among.max(axis=0)
     if not np.isfinite(low + high).all():
         return positions, (0.0, 0.0, 0.0)
-    # A single point has no extent to which its distance could be compared.
+    # A single point has no extent, so an extent is assumed, because `origin_of` compares distance with extent.
     size = 0.0 if np.any(high > low) else _ALONE * float(np.abs(low).max())
     origin = origin_of(low - size, high + size)
     return (array - origin if origin.any() else positions), _plain(origin)
 
 
 def _directions(name: str, given: ArrayLike, positions: Float32, valid: NDArray[np.bool_]) -> Float32:
-    """Return unit vectors, as many as positions; 0 at invalid points. Raises UsageError."""
+    """Return unit vectors in the shape of the positions; 0 at invalid points. Raises UsageError."""
     array = _table(name, given)
     if array.shape[1:] != positions.shape[1:] or array.shape[0] not in (1, positions.shape[0]):
         raise UsageError(f"points: {name} of shape {array.shape} do not go with positions of {positions.shape}.")
     unit = np.empty(array.shape, np.float32)
-    for found, table in zip(unit, array, strict=True):  # one by one, because they may be many
+    for found, table in zip(unit, array, strict=True):  # one at a time, because there may be many tables
         length = np.linalg.norm(table.astype(np.float64), axis=-1)
-        # Not "any differs", because a NaN would pass that.
+        # Do not test for any length that differs by more: a NaN would pass that test.
         if not (np.abs(length - 1.0) <= _UNIT)[valid].all():
             raise UsageError(
                 f"points: {name} hold one that is not unit.", "Divide each by its length, which must not be zero."
