@@ -1,4 +1,4 @@
-"""Find texels inside of or below other geometry, and replace such samples by others of the same texel.
+"""Find samples of texels inside of or below other geometry, and replace them by other samples of the same texel.
 
 Cost:     one or two rays for each texel, about a dozen next to hidden texels.
 """
@@ -58,7 +58,7 @@ def outside(
         wrong |= ~wrong[middle] & of.apart(middle)
     if not wrong.any():
         return texels, buried
-    # A sample inside or behind a wall is replaced by the next valid one.
+    # A sample inside or behind a wall is replaced by the next valid sample of its texel.
     source = np.broadcast_to(np.arange(samples)[:, None], wrong.shape).copy()
     for step in range(1, samples):
         still = np.take_along_axis(wrong, source, axis=0)

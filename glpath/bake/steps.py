@@ -39,7 +39,7 @@ def power_of_two(value: float) -> float:
 
 
 def rounded(value: float) -> float:
-    """Return the value rounded to 16 bits."""
+    """Return the value rounded to 16 significant bits."""
     mantissa, exponent = math.frexp(value)
     return math.ldexp(round(math.ldexp(mantissa, _BITS)), exponent - _BITS)
 

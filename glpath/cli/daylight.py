@@ -271,7 +271,7 @@ def daylight(
         with aside("camera", "light"):
             loaded = read_scene(which, parameters)
         if texels is not None:
-            # With blinds, too, of the scene without.
+            # A scene with closed blinds gets the texels of the scene without blinds, so that sensors are the same.
             faces = texels.of(loaded) if of_texels is None else of_texels
             found = _computed(loaded, Points(faces.points, faces.normals), options, beside, run)
             first = 0 if found.shard is None else found.shard.first
@@ -312,7 +312,10 @@ def daylight(
 def _computed(
     scene: Scene, at: Points, options: dict[str, Any], beside: Path, run: RunRequest
 ) -> DaylightCoefficients:
-    """Return the daylight coefficients. Raises typer.Exit if interrupted, after it has reported what is saved."""
+    """Return the daylight coefficients. If interrupted, report what is saved and raise typer.Exit.
+
+    beside : output file; with --resume, a checkpoint is kept beside this file
+    """
     from glpath.daylight.kept_words import kept_beside
 
     part = kept_beside(beside) if run.resume else None

@@ -229,7 +229,11 @@ def _points(path: Path, classes: str | None) -> NDArray[Any]:
 
 
 def _table(path: Path, option: str, needed: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Return the columns of a CSV file by the names in its first line. Raises UsageError."""
+    """Return columns of a CSV file by name, as named in its first line. Raises UsageError.
+
+    option : command line option of the file, for messages
+    needed : names of columns that must exist; `optional` columns are returned if they exist
+    """
     import csv
 
     import numpy as np
@@ -269,7 +273,7 @@ def _save_picture(path: Path, found: Horizon, values: NDArray[Any], quantity: st
     from glpath.system.files import write_bytes
 
     terrain = found.field
-    # A page shows no more than some hundred samples across.
+    # Draw every step-th sample, at most 1024 along a side: a page cannot show more.
     step = max(1, -(-max(values.shape) // 1024))
     x, y = terrain.coordinates()
     dx, dy = terrain.spacing

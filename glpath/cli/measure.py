@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 _POINTS = "Points"
 _RECEIVERS = ("plane", "cylinder")
-# Maximum deviation of the light on open ground from 100 lx, for a daylight factor; lx.
+# Maximum deviation of the illuminance on open ground from 100 lx, which --daylight-factor requires; lx.
 _OFF = 2.0
 #: Suffixes of files with false colours.
 _COLOURED = (".html", ".png", ".glb")
@@ -264,7 +264,10 @@ def measure(
 
 
 def _check_makes_per_cent(scene: Scene, receiver: str) -> None:
-    """Raise UsageError unless the sky of the scene gives 100 lx on open ground, so that lux are per cent."""
+    """Raise UsageError unless the scene's sky alone gives 100 lx on open ground.
+
+    Only then is the illuminance in lx the daylight factor in per cent.
+    """
     from glpath.scene.sky_map import open_ground
 
     if receiver != "plane":

@@ -261,10 +261,11 @@ def _check_suffix(path: Path) -> None:
 
 
 def _check_solved(context: typer.Context, solution: Path) -> None:
-    """Raise UsageError for options of the solver if a solution is given."""
+    """Raise UsageError if solver options were typed beside --radiosity, whose solution is solved already."""
     for option in context.command.params:
         assert option.name is not None, "options have names"
-        source = context.get_parameter_source(option.name)  # by its name: Typer may have a Click of its own
+        # The source is compared by name below, because Typer may bundle its own copy of Click.
+        source = context.get_parameter_source(option.name)
         says_how = getattr(option, "rich_help_panel", None) in (_MESH, _SOLVER)
         says_how = says_how or option.name in ("checkpoint", "resume", "time_limit")
         if says_how and source is not None and source.name == "COMMANDLINE":

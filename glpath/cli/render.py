@@ -1,7 +1,7 @@
 """`glpath render`: image of a scene or of a job file.
 
-Errors in options, scene and outputs are found before the render begins. `running` renders the film, `frames` many
-films, `outcome` writes and reports them.
+Errors in options, scene and outputs are found before the render begins. The module `running` renders one film and
+`outcome` writes and reports it; `frames` renders and writes several.
 """
 
 from __future__ import annotations

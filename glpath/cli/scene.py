@@ -92,7 +92,7 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
 
 
 def light_of(scene: Scene) -> str:
-    """Return a line on the lights of a scene, including lights that were added."""
+    """Return a line on the lights of a scene, including a sky that was added because the scene had no light."""
     import numpy as np
 
     from glpath.scene import Environment
@@ -108,7 +108,7 @@ def light_of(scene: Scene) -> str:
     if emitting:
         parts[0] += " that emit" + "s" * (emitting == 1)
     factors = sorted(set(factors_of(scene)))
-    if factors and factors != [1.0]:  # empty if the sun is the only light
+    if factors and factors != [1.0]:  # `factors` is empty if the sun is the only light
         between = " to ".join(f"{factor:g}" for factor in dict.fromkeys((factors[0], factors[-1])))
         parts[-1] += f" (maintenance factor {between})"
     if isinstance(scene.sky, Environment):

@@ -72,8 +72,8 @@ def id_in_file(nodeid: str) -> str:
 def baseline_name(test: str, name: str = "") -> str:
     """Return the stem of a baseline's file: the test's class, name and parameters, and the image's own name.
 
-    Unsuitable characters become "-". If two tests could get the same name, by this, by shortening, or by capital
-    letters in parameters, a checksum distinguishes them.
+    Unsuitable characters become "-". A checksum is appended if another test could get the same name by this
+    replacement, by shortening, or by capital letters.
     """
     plain = re.sub(r"[^A-Za-z0-9_.=+-]+", "-", test.replace("[", "-").removesuffix("]")).strip("-")
     if not re.fullmatch(_PLAIN, test, re.ASCII) or len(plain) > _LONGEST:
