@@ -32,7 +32,8 @@ from glpath.system.time_limit import check_time
 Int64 = NDArray[np.int64]
 #: Part of a mesh: triangle indices, their side, and its texel density relative to `texels` (see `packed`).
 Part = tuple[Int64, int, float]
-#: Corners of a part (V, 2) in the plane, corner indices of its triangles (F, 3), and indices of these triangles.
+#: Charts of a part: corners (V, 2) in the plane, corner indices of triangles (F, 3), and indices (F,) of these
+#: triangles in the part.
 Charts = tuple[NDArray[np.float32], NDArray[np.uint32], Int64]
 
 MAX_SIZE = 8192
@@ -63,9 +64,9 @@ _WHOLE = 1024
 #: Maximum number of triangles of a patch. The time for charts grows with the square of a part's size (0.5 ms per
 #: triangle of 8,000, 0.05 ms per triangle of 250).
 _PATCH = 250
-#: Maximum factor by which charts that are made once have a higher density than the later packing.
+#: Charts that are made once have at most this multiple of the density of the later packing.
 _FINER = 2.0
-#: Page side in texels. The factor is reduced until the charts fill at most half of such a page.
+#: Page side in texels. The multiple is reduced, but not below 1, until charts fill at most half of such a page.
 _CHART_PAGE = 4096
 #: Measured core seconds for each triangle side over all trials, in scenes with few sides.
 _SECONDS_EACH = 4e-4

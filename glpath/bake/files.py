@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 #: Maximum number of samples over which the base colour of a texel is averaged.
 _COLOUR_SAMPLES = 5
-#: Minimum `metallic` of materials that the warning calls metal.
+#: Value of `metallic` above which the warning calls a material metal.
 _METAL = 0.99
 
 

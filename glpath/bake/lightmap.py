@@ -62,7 +62,7 @@ _PREVIEW = 1024
 #: Peak memory in bytes per texel for samples, sensor tables, film sums and pages (measured: 1500 for a million
 #: texels, more for fewer).
 _BYTES = 1400
-#: Minimum fraction of a page that texels fill if charts are as large as the page allows.
+#: Minimum fraction of a page that texels fill if charts are as large as the page allows; for the memory estimate.
 _FILLED = 0.5
 _POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])
 

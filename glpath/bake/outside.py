@@ -77,7 +77,10 @@ class _Samples:
     covered: Covered | None
 
     def inside(self, samples: list[int], which: Int64) -> Bools:
-        """Return (S, N) bool: samples of texels (N,) inside of other geometry or covered by streamed triangles."""
+        """Return (S, N) bool, True for samples inside of other geometry or covered by streamed triangles.
+
+        samples, which : indices of S samples and of N texels
+        """
         found = np.zeros((len(samples), len(which)), np.bool_)
         for row, sample in zip(found, samples, strict=True):
             near = _NEAR * self.texels.sizes(self.scene, self.atlas, sample)[which]
@@ -93,7 +96,10 @@ class _Samples:
         return found
 
     def apart(self, middle: int) -> Bools:
-        """Return (S, N) bool: samples separated from the central one by a wall without thickness."""
+        """Return (S, N) bool, True for samples that a wall without thickness separates from the central sample.
+
+        middle : index of the central sample
+        """
         scene, atlas, texels = self.scene, self.atlas, self.texels
         size = texels.sizes(scene, atlas, middle)[:, None]
         above = [

@@ -17,7 +17,8 @@ import numpy as np
 
 from glpath.scene.model import Float64
 
-#: Step as a fraction of the height of the narrowest triangle. Rounding changes its directions by no more than this.
+#: Step as a fraction of the height of the narrowest triangle. Rounding changes the directions of that triangle by
+#: no more than this.
 _OF_NARROWEST = 2.0**-10
 #: Smallest step as a fraction of the extent of all corners. The extent then has fewer than 2^24 steps, which are
 #: exact in 32-bit floats.

@@ -56,7 +56,7 @@ _SHEET = 0.05
 _LEANING = 20.0
 #: Number of rays from a point that test if its surface faces the ground.
 _LOOKS = 16
-#: Minimum fraction of these rays that meet the ground if the point is covered.
+#: A point can be covered only if at least this fraction of these rays meets the ground.
 _GROUND = 0.25
 #: Number of points on backs from which rays look for light.
 _SAMPLES = 1024

@@ -112,12 +112,12 @@ def diff(
     full_colour, failure = None, None
     if out is not None:
         picture, full_colour = compare.difference_image(a, b, scale)
-        try:  # before the numbers, because standard output may fail
+        try:  # written before the numbers are printed, because printing may fail
             write_png(out, picture, {"Software": "glpath", "glpath.scale": repr(full_colour)})
         except ImageError as error:
             failure = error
     if as_json:
-        # JSON has neither infinity nor NaN.
+        # JSON has neither infinity nor NaN, so null replaces them.
         plain = {key: value if math.isfinite(value) else None for key, value in measured.items()}
         judged = {} if verdict is None else _as_json(verdict, ours.differences_in_making(theirs))
         files = {"image": str(image), "reference": str(reference)}

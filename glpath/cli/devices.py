@@ -235,9 +235,9 @@ for name in sys.argv[1:]:
 
 
 def _not_importable(packages: list[str]) -> dict[str, str]:
-    """Return the installed packages whose import fails, with the error.
+    """Return a text on the error for each installed package whose import fails.
 
-    Imports run in a separate process, because a broken library may kill it.
+    Imports run in a separate process, because a broken library may kill the process that imports it.
     """
     modules = {module.lower(): module for module in importlib.metadata.packages_distributions()}
     names = {modules[name.lower()]: name for name in packages if name.lower() in modules}
@@ -287,7 +287,7 @@ def _libraries(renders: bool) -> Iterator[Finding]:
 
 
 def _drivers() -> list[str]:
-    """Return the names of Mesa's software rasterizer and of the vendors' EGL drivers that are installed."""
+    """Return the names of the installed EGL drivers: Mesa's software rasterizer, and vendors' drivers."""
     folders = [Path(f) for f in os.environ.get("LIBGL_DRIVERS_PATH", "").split(":") if f]
     folders += [*Path("/usr/lib").glob("*-linux-gnu*/dri"), Path("/usr/lib/dri"), Path("/usr/lib64/dri")]
     # Mesa before 24.2 has a file for each driver; later versions have all drivers in libgallium.

@@ -64,7 +64,7 @@ def export(
 
     Warnings say what the format does not know, and what stands for it.
     """
-    # --max-depth and --spp go to .xml outputs alone. Without an .xml they go to all, so that `check_export` fails.
+    # --max-depth and --spp apply to .xml outputs alone. If there is none, `check_export` gets and rejects them.
     for_mitsuba = {path: is_for_mitsuba(path) for path in out}
     settings = {
         path: (max_depth, spp) if known or not any(for_mitsuba.values()) else (None, None)

@@ -199,7 +199,7 @@ def lightmap(
         exposure_stops: list[float] = []
 
         def save(path: Path) -> None:
-            made.append(bake.lightmap(film))  # in this function, because `save_all` saves the film if it fails
+            made.append(bake.lightmap(film))  # made here, because `save_all` keeps the film if this function fails
             kind = cast("Materials", materials)
             exposure_stops.append(made[0].exposure_stops(stops))
             files.extend(made[0].save(path, materials=kind, exposure=exposure_stops[0], moz=moz))

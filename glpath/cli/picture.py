@@ -70,7 +70,7 @@ class Picture:
 
     exposure : stops, "auto", or None for that of the film's scene
     tonemap  : one of `TONEMAP_NAMES`
-    denoise  : True or False; None: if possible, see `of_film`
+    denoise  : True or False; None: denoise if possible, see `of_film`
     missing  : True if the picture stays noisy because the denoiser is missing
     """
 

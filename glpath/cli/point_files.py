@@ -60,7 +60,7 @@ class Grid:
     across : indices of the two axes in the plane: columns follow the first, rows the second
     axis   : index of the axis perpendicular to the plane
     height : position along that axis, scene units
-    first  : first point, along the two axes in the plane
+    first  : coordinates of the first point along the two axes in the plane, scene units
     shape  : (rows, columns)
     step   : spacing along the two axes, scene units
     """

@@ -64,7 +64,10 @@ class OptionLocation(SourceLocation):
 
 
 def seen(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, Any]) -> Scene:
-    """Return the scene with the camera fields that options set (not None). Raises UsageError naming the option."""
+    """Return the scene with the resolution and camera fields that options set; None: not set.
+
+    Raises UsageError that names the option.
+    """
     from glpath.rendering.job import with_overrides
 
     given = {name: value for name, value in camera.items() if value is not None}
@@ -138,7 +141,10 @@ class Scenes:
     fps: float
 
     def at(self, frame: int | None = None) -> Scene:
-        """Return the scene at a frame (None without --frames). Raises and warns as `read_scene`, once in all."""
+        """Return the scene at the time of a frame. Raises and warns as `read_scene`.
+
+        frame : number of the frame; None without --frames
+        """
         from glpath.io.completed import camera_replaced
 
         with camera_replaced(self.camera):

@@ -37,7 +37,7 @@ Float64 = NDArray[np.float64]
 FORMAT = 2
 # Maximum number of floats in a block of rows (64 MiB).
 _BLOCK = 1 << 24
-# Files with more than this many bytes of words are written without compression.
+# Files with more than this many bytes of visibility words are written without compression.
 _PLAIN = 1 << 27
 
 

@@ -32,7 +32,7 @@ BATCHES = 8
 _TURNS = 16
 # Maximum number of glass surfaces that a ray passes in a row.
 _MAX_THROUGH = 64
-# Maximum number of rays in a block of points: 16 MiB, and more for their weight matrix.
+# Maximum number of rays in a block of points; the hits take 16 MiB, and their weight matrix takes more.
 _BLOCK = 1 << 21
 
 

@@ -59,7 +59,7 @@ def _face(unit: Float64, i: int) -> Float64:
                 cut.append(p)
         polygon = cut
     corners = np.array(polygon).reshape(-1, 3)
-    # A face that only touches has no area, and the same corner may occur twice.
+    # Drop repeated corners. A plane that only touches the volume then has fewer than three corners, so no face.
     apart = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-7
     corners = corners[apart]
     return corners if len(corners) >= 3 else np.zeros((0, 3))

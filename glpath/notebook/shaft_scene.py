@@ -1,4 +1,4 @@
-"""Figures of the shaft between two shapes and its candidate occluders [SC], for notebooks."""
+"""Figures of the shaft between two shapes and its candidate occluders (shaft culling), for notebooks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Widget for choosing a shaft and viewing its candidate occluders [SC]."""
+"""Widget for choosing a shaft and viewing its candidate occluders (shaft culling)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from glpath.radiosity import Strategy
 
 
 def explore_shafts(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> ShaftExplorer:
-    """Return a widget that shows the shaft between two shapes and its candidate occluders [SC].
+    """Return a widget that shows the shaft between two shapes and its candidate occluders (shaft culling).
 
     The shapes and the strategy can be chosen.
 

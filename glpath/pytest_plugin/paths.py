@@ -15,9 +15,9 @@ from glpath.pytest_plugin.settings import chosen, is_from_command_line
 # Maximum length of a name before its suffix, because file systems allow 255 bytes.
 _LONGEST = 120
 
-# Test ids that convert to a file name without loss: classes, then only characters without case. File systems of
-# macOS and Windows do not distinguish Test_a and test_A.
-_PLAIN = r"(\w+\.)*[a-z0-9_]+(\[[a-z0-9_+=][a-z0-9_.+=-]*(?<!-)\])?"  # compiled with the first image
+# Pattern of test ids that convert to a file name without loss: classes, then only characters without case. File
+# systems of macOS and Windows do not distinguish Test_a and test_A. The pattern is compiled with the first image.
+_PLAIN = r"(\w+\.)*[a-z0-9_]+(\[[a-z0-9_+=][a-z0-9_.+=-]*(?<!-)\])?"
 
 
 def baseline_folder(config: pytest.Config, test_file: Path, given: str | None = None) -> Path:
