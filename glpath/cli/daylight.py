@@ -219,9 +219,9 @@ def daylight(
     run: RunRequest,
 ) -> None:
     """Daylight coefficients: the irradiance of each sensor for unit radiance of each patch of the sky and of the
-    ground, and for unit irradiance by the sun in each of its positions. With all reflections, by a solution to
-    which all surfaces are diffuse. With --weather the light of all hours of a year, daylight autonomy, useful
-    daylight, sDA and ASE, irradiation and sun hours.
+    ground, and for unit irradiance by the sun in each of its positions. Reflected light is included, by a radiosity
+    solution that takes all surfaces as diffuse. With --weather, also the light of all hours of a year, daylight
+    autonomy, useful daylight, sDA and ASE, irradiation and sun hours.
 
     Patches are Tregenza's, or Reinhart's subdivisions, in the order of Radiance's reinsrc (MF:1, 2, 4). Sensors may
     lie on surfaces or be free. The scene needs neither camera nor light.

@@ -62,7 +62,7 @@ def export(
 ) -> None:
     """Write a scene for other programs: Mitsuba 3 (.xml) or any that reads glTF 2.0 (.glb).
 
-    Warnings say what the format does not know, and what stands for it.
+    Warnings name what the format cannot store, and what replaces it.
     """
     # --max-depth and --spp apply to .xml outputs alone. If there is none, `check_export` gets and rejects them.
     for_mitsuba = {path: is_for_mitsuba(path) for path in out}

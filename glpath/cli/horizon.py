@@ -120,8 +120,8 @@ def horizon(
 ) -> None:
     """Sky view factors, sun hours or direct irradiation of terrain, at the samples of a height field or at points.
 
-    Exact for the triangles between the samples. Sky view factors count an even sky above the horizon; the light of
-    the ground is not in them.
+    Results are exact for the surface of triangles between the samples. Sky view factors are for a uniform sky above
+    the horizon; they do not include light from the ground.
     """
     import time
 

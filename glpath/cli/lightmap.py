@@ -148,12 +148,12 @@ def lightmap(
     run: RunRequest,
     **options: Any,
 ) -> None:
-    """Bake the light on a scene's surfaces into pictures on them, and write the scene with them as .glb.
+    """Bake the light on a scene's surfaces into textures, and write the scene with these textures as .glb.
 
-    All bounces and every kind of light, by the engines of `glpath render`. All of the model is baked; the inside of
-    closed solids has no texels, and what is inside other geometry gets the light beside it. Of highlights and
-    glass the diffuse part alone is baked; mirrors and metal as if they were rough. Ctrl-C ends it, and what there
-    is, is written.
+    The engines of `glpath render` compute the light, with all bounces and from every kind of light. The whole model
+    is baked. The inside of closed solids has no texels; texels inside other geometry get the light of texels beside
+    them. Of shiny materials and glass, only the diffuse part is baked. Mirrors and metal are baked as if they were
+    rough. Ctrl-C ends the render, and the light so far is written.
     """
     from glpath.bake.lightmap import check_density, check_glb
 

@@ -60,10 +60,11 @@ def merge(
 ) -> None:
     """Add up films of one render: every path set has the same weight and counts once.
 
-    A shard is what `glpath render SCENE --sample-range A:B -o a.npz` or a part of a job writes. Shards of one kind
-    of device give the picture and the layers of an uninterrupted render, bit for bit and in any order. A file that
-    is named twice, or a copy of one, counts once. Shards that share path sets, and shards of another scene or
-    setting, are refused. The same holds for shards of `glpath daylight --shard K/N`, whose sensors are different.
+    A shard is a film that `glpath render SCENE --sample-range A:B -o a.npz` or a part of a job has written. Shards
+    from devices of one kind give the picture and the layers of an uninterrupted render, bit for bit, in any order.
+    A file that is named twice counts once, and so does a copy of a file. Shards that share path sets are refused,
+    and so are shards of another scene or setting. The same holds for shards of `glpath daylight --shard K/N`, each
+    of which has sensors of its own.
     """
     from glpath.daylight.merging import is_coefficients
     from glpath.film.film import check_suffix

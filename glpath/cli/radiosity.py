@@ -159,10 +159,10 @@ def radiosity(
 ) -> None:
     """Solve the light between a scene's diffuse surfaces; `glpath render --integrator gather` shows it.
 
-    Progressive refinement shoots the patch with the most unshot energy first; matrix takes all form factors at
-    once, for small scenes; monte-carlo shoots particles, for many elements. Ctrl-C ends it, and what was solved
-    until then is written; so do SIGTERM, SIGHUP, SIGUSR1 and the like, or with --checkpoint or --resume they write
-    that alone.
+    The method progressive shoots from the patch with the most unshot energy first. matrix computes all form factors
+    at once, for small scenes. monte-carlo shoots particles, for many elements. Ctrl-C ends the solver, and the
+    solution so far is written. SIGTERM, SIGHUP, SIGUSR1 and similar signals do the same; with --checkpoint or
+    --resume, they write only the checkpoint.
 
     Colours of a .glb are radiance times 2^STOPS, linear, at most 1; its material is unlit (KHR_materials_unlit).
     """

@@ -148,9 +148,9 @@ def render(
 ) -> None:
     """Render a scene to one or more files.
 
-    Ctrl-C ends the render after the running path set and writes what there is; so do SIGTERM, SIGHUP, SIGUSR1
-    and the like, or with --checkpoint or --resume they write the checkpoint alone. Files appear whole or
-    not at all; missing folders are made.
+    Ctrl-C ends the render after the running path set, and the result so far is written. SIGTERM, SIGHUP, SIGUSR1
+    and similar signals do the same; with --checkpoint or --resume, they write only the checkpoint. Each file is
+    written completely or not at all. Missing folders are created.
     """
     from glpath.film.film import check_suffix
     from glpath.rendering.job import RenderJob
