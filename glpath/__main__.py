@@ -7,7 +7,7 @@ import sys
 
 
 def main() -> None:
-    """Run the command. An interrupt while its modules load ends it without a traceback, as one later does."""
+    """Run the command. An interrupt ends it without a traceback, even while its modules are loading."""
     _open_standard_streams()
     try:
         from glpath.cli.main import run_and_end
@@ -22,7 +22,8 @@ def main() -> None:
 def _open_standard_streams() -> None:
     """Open the null device for standard streams that are closed.
 
-    Otherwise the next file would get the number of standard error, and drivers would write their messages into it.
+    Otherwise the next opened file would get the descriptor of standard error, and drivers would write messages into
+    that file.
     """
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(descriptor, True)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 _PACKAGE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "")
-# Number of locations that a warning of many lists.
+# Maximum number of locations that one warning lists.
 _LISTED_LOCATIONS = 4
 _LIBRARY = os.path.join(sysconfig.get_path("stdlib"), "")
 
@@ -121,8 +121,8 @@ _scope: ContextVar[WarningScope | None] = ContextVar("warnings", default=None)
 def warning_scope(strict: bool) -> Iterator[WarningScope]:
     """Context in which warnings are raised as errors, if `strict`.
 
-    Then `warn` raises StrictError, or records a late warning for `raise_late`. A nested block makes the outer block
-    strict, and the outer block gets the late warnings.
+    Then `warn` raises StrictError, or records a late warning for `raise_late`. A nested block that is strict makes
+    the outer block strict, and the outer block gets the late warnings.
     """
     outer = _scope.get()
     if outer is not None:
@@ -157,7 +157,8 @@ def warn(text: str, late: bool = False) -> None:
         if is_shown and not late:
             raise StrictError(text, "strict takes this warning for an error.")
         scope.late += [text] * is_shown
-    with suppress(SceneWarning) if scope.strict else nullcontext():  # a filter may raise it; `late` has it
+    # A filter may raise the warning as an error. If strict, suppress that, because `late` holds the warning.
+    with suppress(SceneWarning) if scope.strict else nullcontext():
         warnings.warn(SceneWarning(text), stacklevel=level)
 
 

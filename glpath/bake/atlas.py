@@ -30,9 +30,10 @@ from glpath.scene.geometry import Float64, Mesh
 from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
-#: Triangle indices of a part, their side, and its texel density.
+#: Part of a mesh: triangle indices, their side, and its texel density relative to `texels` (see `packed`).
 Part = tuple[Int64, int, float]
-#: Corners of a part (V, 2) in the plane, corner indices of its triangles (F, 3), and indices of these triangles.
+#: Charts of a part: corners (V, 2) in the plane, corner indices of triangles (F, 3), and indices (F,) of these
+#: triangles in the part.
 Charts = tuple[NDArray[np.float32], NDArray[np.uint32], Int64]
 
 MAX_SIZE = 8192
@@ -46,26 +47,26 @@ _COVERED = 1 / 3
 _MIN_PAGE = 64
 #: Largest page side, a power of two, if the page size is chosen automatically.
 _LARGEST_PAGE = 4096
-#: Fraction of a page that charts fill in the first trial.
+#: Fraction of a page that charts are assumed to fill; it determines the density of the first trial.
 _FILLED = 0.95
 #: Ratio of a density that fits to a density that does not, above which trials end.
 _STEP = 0.985
-#: Fraction of a page's side from which a packing suffices for a scene with many sides.
+#: Minimum side of a packing, as a fraction of the page's side, that ends the trials in a scene with many sides.
 _LARGE_STEP = 0.95
 #: Maximum number of trials for each padding.
 _TRIALS = 30
 #: Safety margin of the next trial, as a fraction of the gap between densities that fit and that do not.
 _SHY = 0.05
-#: Number of sides in a scene above which charts are made once and large parts are cut into patches.
+#: Number of triangle sides in a scene above which charts are made once and large parts are cut into patches.
 _MANY = 20_000
-#: Number of triangles above which a part is cut into patches in such scenes.
+#: Number of triangles above which a part is cut into patches in a scene with more than `_MANY` sides.
 _WHOLE = 1024
 #: Maximum number of triangles of a patch. The time for charts grows with the square of a part's size (0.5 ms per
 #: triangle of 8,000, 0.05 ms per triangle of 250).
 _PATCH = 250
-#: Maximum factor on the density of charts that are made once and packed later.
+#: Charts that are made once have at most this multiple of the density of the later packing.
 _FINER = 2.0
-#: Page side in texels that limits this factor.
+#: Page side in texels. The multiple is reduced, but not below 1, until charts fill at most half of such a page.
 _CHART_PAGE = 4096
 #: Measured core seconds for each triangle side over all trials, in scenes with few sides.
 _SECONDS_EACH = 4e-4
@@ -77,13 +78,13 @@ _SECONDS_PIECE = 2e-3
 _MAX_SECONDS = 600.0
 #: Estimated core seconds above which the estimate is reported.
 _REPORTED_SECONDS = 10.0
-#: Smallest triangle area for which xatlas makes charts, in its own units.
+#: Smallest triangle area for which xatlas makes charts, in square units of xatlas (see `_unit`).
 _MIN_AREA = 4 * float(np.finfo(np.float32).eps)
 #: Smallest unit of xatlas, as a fraction of the scene's extent.
 _MIN_UNIT = 1e-4
-#: Number of trials that do not fit before the gutters alone are tested.
+#: Index of the trial after which, if no trial has fitted the page, the gutters alone are tested.
 _PATIENCE = 2
-#: Factor on the density for that test, which makes charts little larger than their gutters.
+#: Factor on the texel density in that test. It shrinks charts so far that only their gutters take space.
 _NEXT_TO_NONE = 1e-3
 _PACKING = "making the atlas"  # work named in errors of the time limit
 
@@ -113,7 +114,7 @@ class Atlas:
 
     @property
     def of_file(self) -> bool:
-        """True if the coordinates are the file's own, which have one side of each triangle."""
+        """True if the coordinates are the file's own. The atlas then has only one side of each triangle."""
         return self.texels == 0
 
     @cached_property
@@ -127,7 +128,7 @@ class Atlas:
         return np.asarray(scene.normals[self.triangle] * (1 - 2 * self.side)[:, None])
 
     def corner_normals(self, scene: Scene) -> Float64:
-        """Return (F, 3, 3) unit corner normals: smooth ones, or the face's own if it has none."""
+        """Return (F, 3, 3) unit corner normals: smooth vertex normals, or the face normal if there are none."""
         shapes, plain = scene.shapes, self.normals(scene)
         corners = shapes.vertex_normals[shapes.faces[self.triangle]] * (1 - 2 * self.side)[:, None, None]
         flat = ~(np.abs(corners).sum(axis=2) > 0).all(axis=1)
@@ -239,7 +240,7 @@ def _with_splinters(scene: Scene, atlas: Atlas, density: Float64) -> Atlas:
 
 
 def _warn_of_large_charts(scene: Scene, atlas: Atlas, density: Float64) -> None:
-    """Warn of charts that do not fit a page, which xatlas shrinks."""
+    """Warn of charts that xatlas has shrunk because they are larger than a page."""
     count = int(atlas.chart.max()) + 1
     of_face = density[atlas.triangle, atlas.side]
     wide = np.bincount(atlas.chart, of_face**2 * scene.areas[atlas.triangle], count)
@@ -254,7 +255,7 @@ def _warn_of_large_charts(scene: Scene, atlas: Atlas, density: Float64) -> None:
 
 
 def _parts(scene: Scene, density: Float64) -> list[Part]:
-    """Return the parts of each mesh, each with one side and one density."""
+    """Return the parts of all mesh instances. The triangles of a part have the same side and density."""
     parts: list[Part] = []
     first = 0
     densities = np.unique(density[density > 0])
@@ -290,7 +291,7 @@ def _patches(middles: Float64, triangles: Int64) -> list[Int64]:
 
 def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
     """Return an atlas of one page with the largest texel density that fits."""
-    areas = scene.areas  # computed at each access
+    areas = scene.areas  # read once, because the property computes the areas at each access
     area = sum(density**2 * float(areas[triangles].sum()) for triangles, _, density in parts)
     guess = rounded(math.sqrt(_FILLED * size * size / area))
     charts = _charts(xatlas, scene, parts, guess)
@@ -307,7 +308,7 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
             else:
                 over = texels, longest
             if charts is not None and best is not None and fits[1] >= _LARGE_STEP * size:
-                break  # each trial takes seconds
+                break  # a packing this large suffices, because each trial takes seconds
             if over[0] <= fits[0] / _STEP or (best is not None and not math.isfinite(over[0])):
                 break
             if trial == _PATIENCE and best is None:
@@ -345,7 +346,7 @@ def _between(fits: tuple[float, float], over: tuple[float, float], size: int) ->
 def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list[Charts] | None:
     """Return each part's charts in units of `_unit`; None for few sides, where each packing makes its own charts.
 
-    texels : approximate texels per scene unit of the packing, because xatlas stretches charts to whole texels
+    texels : approximate texels per scene unit of the later packing; xatlas stretches charts to whole texels
 
     Parts that differ only by a similarity transform share their charts.
     """
@@ -355,7 +356,7 @@ def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list
     alike, scales = _alike(scene, parts)
     _, first, kind = np.unique(alike, return_index=True, return_inverse=True)
     models = [parts[i] for i in first]
-    areas = scene.areas  # computed at each access
+    areas = scene.areas  # read once, because the property computes the areas at each access
     area = sum(of**2 * float(areas[triangles].sum()) for triangles, _, of in models)
     finer = min(max(rounded(_CHART_PAGE / (texels * math.sqrt(2 * area))), 1.0), _FINER)
     with atlas_of(xatlas) as atlas:
@@ -380,7 +381,7 @@ def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list
 
 
 def _alike(scene: Scene, parts: list[Part]) -> tuple[Int64, Float64]:
-    """Return (P,) group indices of parts that differ only by a similarity, and (P,) the scale of each part."""
+    """Return (P,) group index and (P,) scale of each part. Parts of a group differ only by a similarity."""
     kinds: dict[tuple[object, ...], int] = {}
     alike, scales = np.zeros(len(parts), np.int64), np.zeros(len(parts))
     instances = list(scene.shapes.mesh_instances())
@@ -449,7 +450,7 @@ def _packed(
             )
         page_size, pages = (int(atlas.width), int(atlas.height)), int(atlas.atlas_count)
     columns = [np.concatenate(column) for column in zip(*made, strict=True)]
-    on_a_page = columns[2] < pages  # faces that xatlas takes for degenerate have another page index
+    on_a_page = columns[2] < pages  # xatlas gives faces that it finds degenerate an index beyond the last page
     triangle, side_of, page, chart, corners = (column[on_a_page] for column in columns)
     _, number = np.unique(chart, axis=0, return_inverse=True)
     return Atlas(triangle, side_of, page, number.ravel(), corners, page_size, pages, texels)
@@ -461,7 +462,7 @@ def _unit(scene: Scene, parts: list[Part]) -> float:
     It is about the scene's extent, or less if the smallest triangles would be degenerate for xatlas.
     """
     extent = float(np.max(np.ptp(np.stack(scene.bounds), axis=0)))
-    areas = scene.areas  # computed at each access
+    areas = scene.areas  # read once, because the property computes the areas at each access
     smallest = min(density**2 * float(areas[triangles].min()) for triangles, _, density in parts)
     return power_of_two(min(extent, max(math.sqrt(smallest / _MIN_AREA), _MIN_UNIT * extent)))
 
@@ -495,7 +496,7 @@ def kept(scene: Scene, lit: NDArray[np.bool_], size: int) -> Atlas:
         )
     texels = np.clip(uv, 0.0, 1.0) * size
     texels[..., 1] = size - texels[..., 1]
-    # Faces of a chart share corners in space and on the page.
+    # Faces are in one chart if corners connect them that are equal in space and on the page.
     corners = np.concatenate([scene.triangles[triangle], np.round(texels, 4)], axis=2)
     chart = np.unique(pieces(corners), return_inverse=True)[1].astype(np.int64)
     atlas = Atlas(triangle, side, np.zeros(len(triangle), np.int64), chart, texels, (size, size), 1, 0.0)

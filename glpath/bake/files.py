@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 
 #: Maximum number of samples over which the base colour of a texel is averaged.
 _COLOUR_SAMPLES = 5
-#: Minimum `metallic` of materials that the warning calls metal.
+#: Value of `metallic` above which the warning calls a material metal.
 _METAL = 0.99
 
 
 def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] | None) -> list[Path]:
-    """See `Lightmap.save`."""
+    """Write the scene with unlit materials, whose colour is the baked light; see `Lightmap.save`."""
     scene, atlas = baked.scene, baked.atlas
     _warn_of_what_is_left_out(scene, path)
     radiance, opacity = radiance_of(baked)
@@ -62,7 +62,8 @@ def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] |
         mode = "blend" if material.clear > 0 else material.alpha
         primitives = []
         for page, mesh in _parts(scene, atlas, number):
-            # The file's coordinates have only one side, so the other side shows the same light.
+            # Coordinates kept from the file cover one side of a triangle, so a two-sided material shows its light
+            # on the other side, too.
             key = page, mode, material.cutoff, atlas.of_file and material.two_sided
             if key not in materials:
                 materials[key] = len(file.materials)
@@ -88,7 +89,7 @@ def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] |
 
 
 def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
-    """See `Lightmap.save`."""
+    """Write the scene with its original materials, and the light maps beside it; see `Lightmap.save`."""
     scene, atlas = baked.scene, baked.atlas
     ranges = [max(float(page.max()), 1e-9) for page in baked.irradiance]
     pictures = [
@@ -115,7 +116,7 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
     made = replace(
         scene, shapes=Shapes(shapes), materials=tuple(materials), sky=None, ambient=np.zeros(3), lights=()
     )
-    # Emission keeps its values next to those of the map, whatever the unit, because viewers apply no exposure.
+    # With this unit, `write_gltf` does not convert emission, so that it keeps the unit of the light map.
     made = replace(made, unit="photometric")
     _warn_of_what_is_black(scene, path)
     notes = write_gltf(made, path, [(pictures[page], ranges[page]) for page in page_of] if moz else None)
@@ -159,7 +160,7 @@ def _parts(
     If both sides of a triangle have texels, the back is shifted a little behind the front, see `behind`.
 
     side   : only this side; None: both
-    uv_set : keep all vertex attributes and this set (0 or 1) of the scene's texture coordinates
+    uv_set : keep all vertex attributes and this set (0 or 1) of the scene's texture coordinates; None: keep none
     """
     shapes, attributes = scene.shapes, uv_set is not None
     part = scene.shapes.ranges[number]
@@ -283,7 +284,10 @@ def check_keepable(scene: Scene) -> None:
 
 
 def _with_first_uv(material: Material) -> Material:
-    """Return the material with its textures on the first coordinates, because the second are the light map's."""
+    """Return the material with all textures on the first coordinates; the second belong to the light map.
+
+    Raises SceneError if the material uses both.
+    """
     sets = {slot.uv_set for slot in material.slots.values()}
     if 1 not in sets:
         return material

@@ -52,7 +52,8 @@ Uv = Literal["make", "keep"]
 Materials = Literal["unlit", "keep"]
 
 DEFAULT_SIZE = 512
-#: Minimum and maximum texels per scene unit. Beyond them, squares of this density times areas overflow floats.
+#: Minimum and maximum texels per scene unit. Beyond them, the square of the density times an area leaves the range
+#: of floats.
 DENSITIES = 1e-18, 1e18
 #: Samples per texel before denoising; with half as many, the denoiser leaves visible blotches (`room`).
 DENOISED_SPP = 128
@@ -61,7 +62,7 @@ _PREVIEW = 1024
 #: Peak memory in bytes per texel for samples, sensor tables, film sums and pages (measured: 1500 for a million
 #: texels, more for fewer).
 _BYTES = 1400
-#: Minimum fraction of a page that texels fill if charts are as large as the page allows.
+#: Minimum fraction of a page that texels fill if charts are as large as the page allows; for the memory estimate.
 _FILLED = 0.5
 _POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])
 
@@ -202,8 +203,8 @@ class Lightmap:
 
     surfaces   : scene, atlas and texels
     film       : film of the texels; it can be merged, and a bake can resume from it
-    irradiance : (P, h, w, 3) float32, W m^-2 (lx of a photometric scene), linear Rec. 709, row 0 at the top, of
-                 each page; gutters are filled
+    irradiance : (P, h, w, 3) float32, one image per page, W m^-2 (lx if the scene is photometric), linear Rec. 709,
+                 row 0 at the top; gutters are filled
     baked      : (P, h, w) bool, True for rendered texels, False for gutters and empty texels
     lit        : (P, h, w) bool, True if the rendered light is above zero, before denoising and stitching
     seams      : points along edges that two charts share
@@ -402,10 +403,11 @@ def lightmap(
 
 @dataclass(frozen=True, eq=False)
 class Bake:
-    """Prepared bake; its creation finds all errors before the render.
+    """Prepared bake. `Bake.of` checks everything, so that errors are raised before the render.
 
     surfaces   : texels to render
     job, scene : render job of the texels and its scene
+    denoise    : True if the pages are to be denoised
     """
 
     surfaces: Surfaces

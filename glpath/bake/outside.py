@@ -1,4 +1,4 @@
-"""Find texels inside of or below other geometry, and replace such samples by others of the same texel.
+"""Find samples of texels inside of or below other geometry, and replace them by other samples of the same texel.
 
 Cost:     one or two rays for each texel, about a dozen next to hidden texels.
 """
@@ -58,7 +58,7 @@ def outside(
         wrong |= ~wrong[middle] & of.apart(middle)
     if not wrong.any():
         return texels, buried
-    # A sample inside or behind a wall is replaced by the next valid one.
+    # A sample inside or behind a wall is replaced by the next valid sample of its texel.
     source = np.broadcast_to(np.arange(samples)[:, None], wrong.shape).copy()
     for step in range(1, samples):
         still = np.take_along_axis(wrong, source, axis=0)
@@ -77,7 +77,10 @@ class _Samples:
     covered: Covered | None
 
     def inside(self, samples: list[int], which: Int64) -> Bools:
-        """Return (S, N) bool: samples of texels (N,) inside of other geometry or covered by streamed triangles."""
+        """Return (S, N) bool, True for samples inside of other geometry or covered by streamed triangles.
+
+        samples, which : indices of S samples and of N texels
+        """
         found = np.zeros((len(samples), len(which)), np.bool_)
         for row, sample in zip(found, samples, strict=True):
             near = _NEAR * self.texels.sizes(self.scene, self.atlas, sample)[which]
@@ -93,7 +96,10 @@ class _Samples:
         return found
 
     def apart(self, middle: int) -> Bools:
-        """Return (S, N) bool: samples separated from the central one by a wall without thickness."""
+        """Return (S, N) bool, True for samples that a wall without thickness separates from the central sample.
+
+        middle : index of the central sample
+        """
         scene, atlas, texels = self.scene, self.atlas, self.texels
         size = texels.sizes(scene, atlas, middle)[:, None]
         above = [

@@ -1,4 +1,4 @@
-"""Find faces of an atlas that cover each other. Faces of a file may do so, but faces of a new atlas never do."""
+"""Find faces that overlap on a page. Texture coordinates of a file may overlap; those of a new atlas never do."""
 
 from __future__ import annotations
 

@@ -17,9 +17,9 @@ from glpath.scene.model import Float64
 Float32 = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 
-#: Maximum distance of the neighbours that decide if a texel without light is black, texels. It is black if no such
-#: neighbour on its chart has light. At 128 samples, these 81 texels have 10,000 paths without light, so any light
-#: there is from a denoiser.
+#: Radius in texels of the neighbourhood that decides if a texel without light stays black. It stays black if no
+#: neighbour on its chart has light. Then, at 128 samples, 10,000 paths of these 81 texels found no light, so light
+#: there comes from the denoiser.
 _UNLIT_STEPS = 4
 _NEIGHBOURS = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)]
 

@@ -53,7 +53,7 @@ Bools = NDArray[np.bool_]
 
 #: Number of rays that test if a probe is inside a solid.
 _LOOKS = 64
-#: Fraction of these rays. If more of them hit unlit inner sides, the probe counts as inside.
+#: Fraction of these rays. If more than this fraction hits unlit inner sides, the probe counts as inside.
 _MOSTLY = 0.5
 #: Maximum number of probes in a grid; the film of each takes 10 kB.
 MAX_PROBES = 1 << 16
@@ -88,9 +88,9 @@ def harmonics(directions: ArrayLike) -> Float64:
 
 
 _NORMALS, _WEIGHTS = _lebedev_50()
-#: Ratio of irradiance to radiance for each harmonic.
+#: Ratio of irradiance to radiance for each harmonic: A_l of its band.
 _LOBE = np.array([math.pi, *[2 * math.pi / 3] * 3, *[math.pi / 4] * 5])
-#: (9, 50) weights of the irradiance of each normal in each coefficient of radiance.
+#: (9, 50) matrix that maps the irradiance for each normal to the coefficients of radiance.
 _FROM_IRRADIANCE = 4 * math.pi * (_WEIGHTS[:, None] * harmonics(_NORMALS) / _LOBE).T
 
 
@@ -282,14 +282,14 @@ def _of_integrators(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _inside(scene: Scene, positions: Float64, geometry_budget: int) -> Bools:
-    """Return (N,) bool: most rays from positions (N, 3) hit unlit backs or insides of a triangulated scene."""
+    """Return (N,) bool: True if most rays from a position (N, 3) hit unlit backs, or insides of solids."""
     streamed = StreamedRays(scene, geometry_budget) if scene.shapes.streams else None
     scene = in_memory(scene)
     if not len(scene.triangles):
         assert streamed is not None, "a scene without surfaces is not asked"
         return Covered(streamed, None).below(positions)
     sides = Sides.of(scene, streamed=streamed is not None)
-    turn = np.pi * (3 - math.sqrt(5)) * np.arange(_LOOKS)  # a spherical Fibonacci lattice
+    turn = np.pi * (3 - math.sqrt(5)) * np.arange(_LOOKS)  # the directions are a spherical Fibonacci lattice
     z = 1 - (2 * np.arange(_LOOKS) + 1) / _LOOKS
     r = np.sqrt(1 - z * z)
     around = np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
@@ -308,7 +308,10 @@ def _inside(scene: Scene, positions: Float64, geometry_budget: int) -> Bools:
 
 
 def _repaired(coefficients: Float64, grid: ProbeGrid) -> Float64:
-    """Return (N, 9, 3) with invalid probes replaced by the mean of up to 26 neighbours, from the rim inwards."""
+    """Return (N, 9, 3) coefficients with each invalid probe replaced by the mean of its up to 26 known neighbours.
+
+    Probes beside valid probes come first, then their neighbours, until all probes are known.
+    """
     nx, ny, nz = grid.counts
     values = coefficients.reshape(nz, ny, nx, 9, 3).copy()
     known = grid.valid.reshape(nz, ny, nx).copy()

@@ -1,7 +1,7 @@
 """Seams: edges of a smooth surface at which two charts meet. Look-ups on both sides are made equal there.
 
-Steps at seams are removed by least squares. Bilinear look-ups at points of the edge, on both charts, become equal
-up to a difference that no eye sees, while texels change as little as possible. [Iwanicki 2013; Rakhteenko 2018]
+A step is the difference between the bilinear look-ups on both charts at a point of the edge. Least squares make
+steps too small to be seen, while texels change as little as possible. [Iwanicki 2013; Rakhteenko 2018]
 
 Cost:     a sparse system of the texels beside seams, factored about thirty times per channel, mostly for the few
           texels beside remaining steps: 2 s for 7,000 points of seams, 12 s for 27,000.
@@ -36,22 +36,22 @@ _SMOOTH = 0.995
 _DENSITY = 3.0
 #: Maximum remaining step at a seam, as a fraction of the mean value of both sides.
 LIMIT = 0.018
-#: Minimum of that mean value for the fraction, relative to the mean light of the pages.
+#: Lower bound of that mean value, relative to the mean light of the pages, so that dark steps may be larger.
 DARK = 0.01
 #: Weight of a step in the first round, relative to the weight of a texel's change.
 _FIRST = 10.0
 #: Weight of the change of a gutter's texel, relative to the weight of a baked texel's change.
 _GUTTER = 0.02
-#: Part of the mean light that is added to the light around a texel, to which its change is relative. With a smaller
-#: part, the bright side of a terminator would become as dark as the dark side.
+#: The change of a texel is weighed relative to the light around it plus this multiple of the mean light. With a
+#: smaller multiple, the bright side of a terminator would become as dark as the dark side.
 _FAINT = 1.0
 #: Maximum number of rounds.
 _ROUNDS = 30
-#: Maximum number of times that a round searches the texels that it holds at zero.
+#: Maximum number of solutions per round and channel that search for the texels to hold at zero.
 _HOLDS = 12
 #: Number of rings of neighbouring texels around a remaining step that the next rounds still change.
 _RINGS = 16
-#: Maximum number of faces at an edge whose pairs become seams.
+#: Maximum number of faces that share an edge; edges of more faces get no seams.
 _MEETING = 6
 
 
@@ -117,8 +117,7 @@ class Seams:
             return coo_array((values.ravel(), (rows.ravel(), number.ravel())), shape=(len(self), len(used))).tocsr()
 
         both, jump = per_texel(weights / 2), per_texel(weights * np.array([1.0, -1.0])[:, None, None])
-        # Changes are relative to the light around a texel, because relative to its own light, dark noise would cost
-        # less.
+        # Changes are weighed relative to the light around a texel, because its own light is noisy.
         about = (both.T @ (both @ before.mean(axis=1))) / np.maximum(both.T @ np.ones(len(self)), 1e-12)
         keep = np.where(baked.ravel()[used], 1.0, _GUTTER) / (about + _FAINT * mean) ** 2
         weight = np.full(len(self), _FIRST)
@@ -195,7 +194,7 @@ def _minimise(
                     factored[key] = splu(rows[:, free].tocsc(), permc_spec="MMD_AT_PLUS_A")
                 x[free] = factored[key].solve(right[free, c] - rows @ x)
             pulled = system @ x < right[:, c]
-            # In the second half of the turns no texel is released, so that the iteration ends.
+            # In the second half of the iterations, no texel is released from zero, so that the loop converges.
             pushed = np.where(near, (x < 0) | (held[:, c] & ~(pulled & (turn < _HOLDS // 2))), held[:, c])
             settled = np.array_equal(pushed, held[:, c])
             held[:, c] = pushed

@@ -43,7 +43,7 @@ _DARK = 0.25
 _BEFORE = 1e-6
 #: Number of rays from a point, which is inside if all of them meet dark sides.
 _LOOKS = 16
-#: Fraction of these rays. If as many meet dark sides within two texels, the point also counts as inside.
+#: Fraction of these rays. If at least this fraction meets dark sides within two texels, the point is also inside.
 _BESIDE = 0.25
 #: Number of attempts to connect a point to lamps, and maximum number of punctual lights that are tried.
 _JOINS = 8
@@ -196,9 +196,8 @@ def _lit(scene: Scene, rays: Rays, surfaces: _Surfaces, shown: Bools, seed: int,
     """Return (T, 2) bool, True for lit sides.
 
     Random walks start on each side of each connected piece of a mesh. All triangles of a piece have the same result
-    on the same side. A walk ends if it hits a light, or if one of its
-    points sees a light. If few walks from a side end so, more walks start in the next round, because small lamps
-    and far windows are seldom hit.
+    on the same side. A walk reaches light if it hits a light, or if one of its points sees a light. If few walks
+    from a side reach light, more walks start in the next round, because small lamps and far windows are seldom hit.
     """
     # A piece consists of the triangles of a shape that are connected by shared corners.
     shape = np.broadcast_to(scene.triangle_shape[:, None, None], (len(scene.triangles), 3, 1))

@@ -147,9 +147,8 @@ def _inhabited(scene: Scene, found: Closed, solid: Bools, points: Float64, own: 
         for number in candidates[around & (candidates != surface)]:
             if not inhabited[number]:
                 corners = scene.triangles[order[first[number] : first[number + 1]]]
-                inhabited[number] = (
-                    abs(winding_number(corners, point)) > 0.25
-                )  # 0 outside, 1 inside, between them on the surface
+                # The winding number is 0 outside, 1 or -1 inside, and between these values on the surface.
+                inhabited[number] = abs(winding_number(corners, point)) > 0.25
     return inhabited
 
 

@@ -17,7 +17,8 @@ import numpy as np
 
 from glpath.scene.model import Float64
 
-#: Step as a fraction of the height of the narrowest triangle. Rounding changes its directions by no more than this.
+#: Step as a fraction of the height of the narrowest triangle. Rounding changes the directions of that triangle by
+#: no more than this.
 _OF_NARROWEST = 2.0**-10
 #: Smallest step as a fraction of the extent of all corners. The extent then has fewer than 2^24 steps, which are
 #: exact in 32-bit floats.
@@ -39,7 +40,7 @@ def power_of_two(value: float) -> float:
 
 
 def rounded(value: float) -> float:
-    """Return the value rounded to 16 bits."""
+    """Return the value rounded to 16 significant bits."""
     mantissa, exponent = math.frexp(value)
     return math.ldexp(round(math.ldexp(mantissa, _BITS)), exponent - _BITS)
 

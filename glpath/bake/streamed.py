@@ -50,17 +50,17 @@ Bools = NDArray[np.bool_]
 _BYTES_A_TRIANGLE = 400
 #: Bytes per triangle of a chunk during reading, in 64 bits, before and after its placement and checks.
 _BYTES_IN_THE_READING = 400
-#: Minimum length of the sum of all area vectors of a sheet, as a fraction of the total area.
+#: Minimum length of the sum of all area vectors, as a fraction of the total area, for streams to count as a sheet.
 _SHEET = 0.05
 #: Angle between upward rays and the up direction of a sheet, degrees.
 _LEANING = 20.0
 #: Number of rays from a point that test if its surface faces the ground.
 _LOOKS = 16
-#: Minimum fraction of these rays that meet the ground if the point is covered.
+#: A point can be covered only if at least this fraction of these rays meets the ground.
 _GROUND = 0.25
 #: Number of points on backs from which rays look for light.
 _SAMPLES = 1024
-#: Minimum fraction of these rays, weighted by area, that find light if the backs of a stream are lit.
+#: Fraction of these rays, weighted by area. Backs of a stream are lit if at least this fraction finds light.
 _LIT = 0.25
 #: Number of points in one batch; each has a dozen rays of 100 bytes.
 _TOGETHER = 1 << 17
@@ -174,7 +174,7 @@ class StreamedRays:
 
 
 class Covered:
-    """Test for points of surfaces that streamed triangles cover, see the module."""
+    """Test for points of surfaces that streamed triangles cover; the module's docstring defines "covered"."""
 
     def __init__(self, rays: StreamedRays, sides: Sides | None) -> None:
         """Prepare the test.
@@ -313,7 +313,7 @@ def _surveyed(rays: StreamedRays) -> tuple[float, Float64, tuple[Int64, Float64,
 
 
 def _upwards(up: Float64) -> Float64:
-    """Return (5, 3) unit directions: a unit vector (3,), and four that lean from it to four sides."""
+    """Return (5, 3) unit directions: the unit vector `up`, and four that lean from it by `_LEANING` all around."""
     angle = np.pi / 2 * (np.arange(4) + 0.3)
     r = math.sin(math.radians(_LEANING)) ** 2
     leaning = around(np.tile(up, (4, 1)), np.stack([np.full(4, r), angle / (2 * np.pi)], axis=1))

@@ -23,12 +23,12 @@ Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 
-#: Pairs of the maximum area of all faces, texels^2, and the samples per texel, ascending. The first that fits
-#: applies.
+#: Pairs (maximum total area of the faces in texels^2, samples per texel). The first pair whose maximum is not
+#: exceeded applies.
 SAMPLES = ((1 << 18, 13), (1 << 20, 7), (1 << 62, 5))
 #: Generator of the sample lattice for each number of samples.
 _GENERATORS = {13: 5, 7: 3, 5: 2}
-# Number of page rows per batch, so that memory depends on the texels that exist.
+# Number of page rows per batch; only the texels that charts touch are kept from each batch.
 _BAND = 64
 #: Minimum distance of samples from chart edges, texels, so that none lies inside an adjoining wall.
 _INSET = 0.04
@@ -40,7 +40,7 @@ class Texels:
 
     page, row, column : (N,)
     face    : (S, N) index of a face of the atlas
-    b       : (S, N, 2) float32 barycentric coordinates b1, b2 in its triangle
+    b       : (S, N, 2) float32 barycentric coordinates b1, b2 in the triangle of that face
     """
 
     page: Int64
@@ -147,7 +147,8 @@ def _inset(uv, face, b):  # type: ignore[no-untyped-def]
             b0 = 1 - b1 - b2
             if b0 >= min0 and b1 >= min1 and b2 >= min2:
                 continue
-            # Move towards the centroid; one corner's increase is taken from the others in proportion.
+            # Raise coordinates that are too small to their minimum. Scale the excess of the others so that the sum
+            # stays 1.
             above0, above1, above2 = max(b0 - min0, 0.0), max(b1 - min1, 0.0), max(b2 - min2, 0.0)
             free = (1 - min0 - min1 - min2) / max(above0 + above1 + above2, 1e-12)
             b[s, i, 0], b[s, i, 1] = min1 + free * above1, min2 + free * above2

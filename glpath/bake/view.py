@@ -53,7 +53,7 @@ def seen_by_camera(baked: Lightmap) -> Float64:
     clear = np.array([scene.materials[shape.material].clear for shape in scene.shapes]) > 0.5
     left, own = np.arange(len(directions)), np.full(len(directions), -1)
     streamed = baked.surfaces.streamed
-    remaining = np.full(len(directions), np.inf)  # distance to streamed triangles
+    remaining = np.full(len(directions), np.inf)  # distance from the ray's origin to streamed triangles
     if streamed is not None:
         remaining = streamed.cast(origins, directions).distance
         streamed.forget()

@@ -1,8 +1,9 @@
-"""Atlases of xatlas that end without a deadlock.
+"""Atlases of xatlas that are deleted without a deadlock.
 
-An atlas has threads and ends them when it is deleted, but it wakes them without their mutex. A thread that has
-found no work and does not sleep yet then sleeps for ever, and the process waits for it. This happened once in some
-thousand lightmaps with xatlas 0.0.11. An atlas is therefore deleted only when its threads sleep.
+The destructor of an atlas wakes its worker threads to end them, but does not lock their mutex. A thread that has
+found no work and does not sleep yet misses the wake-up and sleeps for ever, so the destructor never returns. This
+happened once in some thousand lightmaps with xatlas 0.0.11. An atlas is therefore deleted only when its threads
+sleep.
 
 Poor at:  systems other than Linux, which get a fixed waiting time.
 """

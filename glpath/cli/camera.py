@@ -11,7 +11,7 @@ from glpath.cli.values import shutter as read_shutter
 from glpath.cli.values import vector
 from glpath.scene.choices import PROJECTIONS
 
-#: Panel of the help that lists the camera's options.
+#: Help panel under which the camera's options are listed.
 CAMERA = "Camera"
 
 PositionOption = Annotated[
@@ -71,7 +71,7 @@ def replaced(
     shutter: str | None,
     **others: Any,
 ) -> dict[str, Any]:
-    """Return the camera fields that options replace; an option that is None was not given. Raises UsageError."""
+    """Return new values of camera fields by name; None if the field's option was not given. Raises UsageError."""
     return {
         "look_at": look_at,
         "position": vector("--camera-position", position),

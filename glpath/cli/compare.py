@@ -68,12 +68,12 @@ def diff(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
 ) -> None:
-    """Compare two pictures of one size.
+    """Compare two pictures of the same size.
 
-    relMSE is mean((A - B)² / (B² + 0.01)); the mean ratio, mean(A) / mean(B), shows energy lost or gained. Radiance
-    files compare radiance; a .png has been through the tone map. Pictures with alpha are compared over black or
-    white, wherever they differ more. --stat needs the noise: films (.npz) or baselines
-    and results of image tests (.exr).
+    relMSE is mean((A - B)² / (B² + 0.01)). The mean ratio, mean(A) / mean(B), shows energy lost or gained. Radiance
+    files are compared by radiance; values of a .png have passed the tone map. Pictures with alpha are compared over
+    black or over white, whichever gives the larger difference. --stat needs pictures with a record of their noise:
+    films (.npz), or baselines and results of image tests (.exr).
     """
     from glpath import compare
     from glpath.film.image import write_png
@@ -112,12 +112,12 @@ def diff(
     full_colour, failure = None, None
     if out is not None:
         picture, full_colour = compare.difference_image(a, b, scale)
-        try:  # before the numbers, because standard output may fail
+        try:  # written before the numbers are printed, because printing may fail
             write_png(out, picture, {"Software": "glpath", "glpath.scale": repr(full_colour)})
         except ImageError as error:
             failure = error
     if as_json:
-        # JSON has neither infinity nor NaN.
+        # JSON has neither infinity nor NaN, so null replaces them.
         plain = {key: value if math.isfinite(value) else None for key, value in measured.items()}
         judged = {} if verdict is None else _as_json(verdict, ours.differences_in_making(theirs))
         files = {"image": str(image), "reference": str(reference)}

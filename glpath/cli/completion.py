@@ -12,7 +12,7 @@ Completions = list[tuple[str, str]]
 
 
 def words(allowed: Iterable[str]) -> Callable[[str], list[str]]:
-    """Return a function that completes one of the allowed words."""
+    """Return a completion callback that lists the allowed words that start with the typed text."""
     known = list(allowed)
 
     def complete(incomplete: str) -> list[str]:
@@ -43,7 +43,7 @@ def scenes(incomplete: str) -> Completions:
 
 
 def parameters(ctx: typer.Context, incomplete: str) -> Completions:
-    """Return KEY= for each parameter of the generated scene on the command line, or of all if none is typed yet."""
+    """Return KEY= for each parameter of the scenes that are typed already; if none is, of all generated scenes."""
     from glpath.io import scene_parameters
     from glpath.io.library import GENERATED
 

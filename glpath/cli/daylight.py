@@ -219,9 +219,9 @@ def daylight(
     run: RunRequest,
 ) -> None:
     """Daylight coefficients: the irradiance of each sensor for unit radiance of each patch of the sky and of the
-    ground, and for unit irradiance by the sun in each of its positions. With all reflections, by a solution to
-    which all surfaces are diffuse. With --weather the light of all hours of a year, daylight autonomy, useful
-    daylight, sDA and ASE, irradiation and sun hours.
+    ground, and for unit irradiance by the sun in each of its positions. Reflected light is included, by a radiosity
+    solution that takes all surfaces as diffuse. With --weather, also the light of all hours of a year, daylight
+    autonomy, useful daylight, sDA and ASE, irradiation and sun hours.
 
     Patches are Tregenza's, or Reinhart's subdivisions, in the order of Radiance's reinsrc (MF:1, 2, 4). Sensors may
     lie on surfaces or be free. The scene needs neither camera nor light.
@@ -271,7 +271,7 @@ def daylight(
         with aside("camera", "light"):
             loaded = read_scene(which, parameters)
         if texels is not None:
-            # With blinds, too, of the scene without.
+            # A scene with closed blinds gets the texels of the scene without blinds, so that sensors are the same.
             faces = texels.of(loaded) if of_texels is None else of_texels
             found = _computed(loaded, Points(faces.points, faces.normals), options, beside, run)
             first = 0 if found.shard is None else found.shard.first
@@ -312,7 +312,10 @@ def daylight(
 def _computed(
     scene: Scene, at: Points, options: dict[str, Any], beside: Path, run: RunRequest
 ) -> DaylightCoefficients:
-    """Return the daylight coefficients. Raises typer.Exit if interrupted, after it has reported what is saved."""
+    """Return the daylight coefficients. If interrupted, report what is saved and raise typer.Exit.
+
+    beside : output file; with --resume, a checkpoint is kept beside this file
+    """
     from glpath.daylight.kept_words import kept_beside
 
     part = kept_beside(beside) if run.resume else None

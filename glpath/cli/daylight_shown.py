@@ -1,4 +1,4 @@
-"""Files of `glpath daylight` that show values on a model: sensors at its texels, written as .vtp and .glb."""
+"""Output files of `glpath daylight` that show values on a model (.vtp, .glb), and sensors at the model's texels."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 TEXELS = "texels"
 #: Suffixes of files that show values at the sensors' positions.
 SHOWN = (".vtp", ".glb")
-# Quantity that colours a .glb if a year is computed.
+# Quantity that colours a .glb if a year is computed and --show is not given.
 _OF_YEAR = "irradiation_year"
-# Quantity that colours a .glb without a year.
+# Quantity that colours a .glb if no year is computed.
 _OF_SKY = "sky_view_factor"
 #: Quantities that may colour a .glb if a year is computed.
 OF_YEARS = (
@@ -56,7 +56,7 @@ class TexelRequest:
 def texel_request(
     receiver: str, size: float | None, shapes: Sequence[str] | None, points: Path | None, normal: str | None
 ) -> TexelRequest | None:
-    """Return the request for texels; None for other receivers. Raises UsageError for options that contradict it."""
+    """Return the request for texels; None for other receivers. Raises UsageError if the options contradict it."""
     if receiver != TEXELS:
         for option, value in (("--texel-size", size), ("--texel-shape", shapes)):
             if value:
@@ -71,11 +71,11 @@ def texel_request(
 
 
 def check_shown(out: Sequence[Path], are_texels: bool, show: str | None, of_year: bool) -> None:
-    """Raise UsageError, before the computation, for files that cannot show the sensors.
+    """Raise UsageError, before the computation, if a file of `out` cannot show values of these sensors.
 
     Raises GlpathError if matplotlib is needed and missing.
 
-    are_texels : True if the sensors are texels, or may be because they are from a file
+    are_texels : True if the sensors are texels, or come from a file of coefficients and so may be texels
     of_year    : True if weather is given
     """
     models = [path for path in out if path.suffix.lower() == ".glb"]
@@ -97,7 +97,7 @@ def check_shown(out: Sequence[Path], are_texels: bool, show: str | None, of_year
 
 
 def values_of(found: DaylightCoefficients, year: DaylightYear | None) -> dict[str, tuple[NDArray[np.float64], str]]:
-    """Return the values (N,) to show for all sensors and their unit, by name."""
+    """Return a dictionary from quantity name to the values of all sensors, (N,), and their unit."""
     if year is None:
         return {_OF_SKY: (found.sky_view, "")}
     return {name: (each, unit) for name, each, unit in year.of_sensors()}
@@ -106,7 +106,7 @@ def values_of(found: DaylightCoefficients, year: DaylightYear | None) -> dict[st
 def saves_shown(
     out: Sequence[Path], found: DaylightCoefficients, year: DaylightYear | None, show: str | None
 ) -> dict[Path, Save]:
-    """Return the function that writes each file."""
+    """Return, for each path of `out`, the function that writes its .vtp or .glb."""
     if not out:
         return {}
     values = values_of(found, year)

@@ -22,10 +22,10 @@ class YearRequest:
     """Options of the annual calculation.
 
     weather   : weather of the site
-    occupied  : first and last hour of the day that count
-    threshold : illuminance of daylight autonomy, lx
+    occupied  : start and end of the occupied part of the day, hours in local standard time
+    threshold : illuminance from which on an hour counts for daylight autonomy, lx
     ground    : albedo of the ground
-    hours     : True if the file holds each hour of each sensor
+    hours     : True if the .nc file holds the values of each sensor in each hour
     """
 
     weather: Weather
@@ -35,7 +35,10 @@ class YearRequest:
     hours: bool
 
     def of(self, coefficients: DaylightCoefficients, blinds: Sequence[DaylightCoefficients]) -> DaylightYear:
-        """Return the year of these coefficients. Raises UsageError, as `daylight_year` does."""
+        """Return annual results computed from the coefficients. Raises UsageError, as `daylight_year` does.
+
+        blinds : coefficients of the scene with blinds closed, one for each group of windows
+        """
         from glpath.daylight.year import daylight_year
 
         return daylight_year(
@@ -48,7 +51,7 @@ class YearRequest:
         )
 
     def save_as(self, year: DaylightYear) -> Save:
-        """Return the function that writes the year to a file."""
+        """Return a function that writes the annual results to a path."""
         return lambda path: year.save(path, self.hours)
 
 
@@ -62,7 +65,7 @@ def year_request(
     out: Sequence[Path],
     latitude: float | None,
 ) -> YearRequest | None:
-    """Return the request, or None without --weather. Raises UsageError if options or files do not fit."""
+    """Return the request, or None without --weather. Raises UsageError if options or output files contradict it."""
     for path in out:
         suffix = path.suffix.lower()
         if suffix == ".npz" and not is_stream(path):

@@ -97,9 +97,9 @@ def _print(table: Table) -> None:
 class Finding:
     """One line in the report of `glpath doctor`.
 
-    status : ok; missing (rendering needs it); note (it works without, but better with it)
-    found  : what there is
-    remedy : what to type
+    status : "ok", "missing" (rendering is impossible without it) or "note" (rendering works, but worse)
+    found  : text on what the check found
+    remedy : command to type, or advice; empty if nothing is wrong
     """
 
     check: str
@@ -137,11 +137,11 @@ def doctor(
 
 
 def examine() -> list[Finding]:
-    """Return the findings of all checks; a check follows those of which it needs the result.
+    """Return the findings of all checks. A check runs after the checks whose results it needs.
 
     A library that a single backend needs counts as missing only if no backend works.
     """
-    threads = os.environ.get("LP_NUM_THREADS")  # before there is a context, which may set it
+    threads = os.environ.get("LP_NUM_THREADS")  # read now, because creating a context may set the variable
     try:
         probes, wrong = list_devices(), ""
     except ContextError as error:
@@ -177,7 +177,7 @@ def _python() -> Iterator[Finding]:
     yield Finding("Python", "ok" if good else "missing", version, "" if good else "Python 3.11 or newer")
 
 
-# Name in a requirement of the metadata: `numba<0.69,>=0.61`, `filelock>=3.12; sys_platform != "linux"`.
+# Parts of a requirement in the package metadata, such as `numba<0.69,>=0.61`: name, minimum version, upper limit.
 _NAME, _MINIMUM, _LIMIT = (re.compile(text) for text in (r"[\w.-]+", r">=\s*([\d.]+)", r"<\s*([\d.]+)"))
 _OTHER_SYSTEM = re.compile(r"""sys_platform\s*(==|!=)\s*["'](\w+)["']""")
 
@@ -188,7 +188,7 @@ def _is_of_another_system(requirement: str) -> bool:
 
 
 def _packages() -> Iterator[Finding]:
-    """Yield a finding for each requirement in the package's metadata; extras are not needed for rendering."""
+    """Yield one finding on all requirements in the package's metadata; extras are not needed for rendering."""
     try:
         required = importlib.metadata.requires("glpath") or []
     except importlib.metadata.PackageNotFoundError:
@@ -235,9 +235,9 @@ for name in sys.argv[1:]:
 
 
 def _not_importable(packages: list[str]) -> dict[str, str]:
-    """Return the installed packages whose import fails, with the error.
+    """Return a text on the error for each installed package whose import fails.
 
-    Imports run in a separate process, because a broken library may kill it.
+    Imports run in a separate process, because a broken library may kill the process that imports it.
     """
     modules = {module.lower(): module for module in importlib.metadata.packages_distributions()}
     names = {modules[name.lower()]: name for name in packages if name.lower() in modules}
@@ -260,7 +260,7 @@ def _release(version: str) -> tuple[int, ...]:
 def _shaders() -> Iterator[Finding]:
     try:
         from glpath.gl.program import shader_folder
-    except ImportError:  # of which the packages tell
+    except ImportError:  # `_packages` reports the missing package
         return
     try:
         yield Finding("shaders", "ok", str(shader_folder()))
@@ -287,10 +287,10 @@ def _libraries(renders: bool) -> Iterator[Finding]:
 
 
 def _drivers() -> list[str]:
-    """Return the names of Mesa's software rasterizer and of the vendors' EGL drivers that are installed."""
+    """Return the names of the installed EGL drivers: Mesa's software rasterizer, and vendors' drivers."""
     folders = [Path(f) for f in os.environ.get("LIBGL_DRIVERS_PATH", "").split(":") if f]
     folders += [*Path("/usr/lib").glob("*-linux-gnu*/dri"), Path("/usr/lib/dri"), Path("/usr/lib64/dri")]
-    # Mesa's own file, or from 24.2 the library that all its drivers moved to
+    # Mesa before 24.2 has a file for each driver; later versions have all drivers in libgallium.
     mesa = [f for folder in folders for f in folder.glob("swrast_dri.so")]
     mesa += [f for folder in folders for f in folder.parent.glob("libgallium-*.so")]
     found = [f"Mesa ({mesa[0]})"] if mesa and library_loads("libEGL_mesa.so.0") else []
@@ -322,7 +322,7 @@ def _limits() -> Iterator[Finding]:
     from glpath.gl.context import open_context
     from glpath.gl.limits import device_limits
 
-    # Only after a probe has shown that the device does not kill its process.
+    # A context is opened in this process only after a probe has shown that the driver does not kill the process.
     try:
         limits = device_limits(open_context())
     except ContextError as error:
@@ -375,7 +375,7 @@ def _kernel_cache() -> Iterator[Finding]:
     try:
         from glpath.accel import bvh
         from glpath.system import kernels
-    except Exception:  # of which the packages tell
+    except Exception:  # `_packages` reports the package that cannot be imported
         return
     folder = kernels.cache_folder(bvh._build)
     if folder is not None:

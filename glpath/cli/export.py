@@ -62,9 +62,9 @@ def export(
 ) -> None:
     """Write a scene for other programs: Mitsuba 3 (.xml) or any that reads glTF 2.0 (.glb).
 
-    Warnings say what the format does not know, and what stands for it.
+    Warnings name what the format cannot store, and what replaces it.
     """
-    # Warned of once, for those of the outputs that hold it.
+    # --max-depth and --spp apply to .xml outputs alone. If there is none, `check_export` gets and rejects them.
     for_mitsuba = {path: is_for_mitsuba(path) for path in out}
     settings = {
         path: (max_depth, spp) if known or not any(for_mitsuba.values()) else (None, None)
@@ -75,7 +75,7 @@ def export(
     size = None if resolution is None else read_resolution(resolution)
     loaded = seen(read_scene(scene, parameters), size, {})
     check_outputs(out)
-    for path in sorted(out, key=is_stream):  # a pipe may block
+    for path in sorted(out, key=is_stream):  # pipes last, because writing to a pipe may block
         exported(loaded, path, *settings[path])
         if not quiet:
             say(f"wrote {path}", err=True)

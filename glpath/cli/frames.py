@@ -1,6 +1,6 @@
 """`glpath render --turntable N` and `--frames A:B`: N views around the target, or one picture per frame of time.
 
-Each frame is a file, whole or not there, so that `--resume` continues after the last one.
+The file of a frame is either complete or absent, so that `--resume` can render the missing frames.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ if TYPE_CHECKING:
     from glpath.film.film import Film
     from glpath.scene import Scene
 
-#: Suffixes of movies, which imageio-ffmpeg writes.
+#: Suffixes of movie files; the package imageio-ffmpeg writes them.
 MOVIES = (".mp4", ".mov", ".mkv")
 
 
-# A file name that holds the number of a frame once, of at most 99 digits.
+# File name with one placeholder for the number of a frame, such as frame_{:04}.png; at most 99 digits.
 _FRAME_NUMBER = re.compile(r"[^{}]*\{0?(?::0?[0-9]{0,2}d?)?\}[^{}]*")
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of one call.
+    """Numbers of the frames that one command renders.
 
-    option : the option that requests them
-    first, stop : half-open range of their numbers
+    option      : option that requests the frames: "--turntable" or "--frames"
+    first, stop : half-open range of the frame numbers
     """
 
     option: str
@@ -85,14 +85,17 @@ class Frames:
         return cls("--frames", int(match[1]), int(match[2]))
 
     def path(self, out: Path, index: int) -> Path:
-        """Return the file of a frame: turn.png becomes turn-007.png; patterns as frame_{:04}.png are filled in."""
+        """Return the file of a frame: turn.png becomes turn-007.png, and frame_{:04}.png becomes frame_0007.png."""
         if "{" in out.name:
             return out.with_name(out.name.format(index))
         digits = len(str(self.stop - 1)) if self.option == "--turntable" else max(4, len(str(self.stop - 1)))
         return out.with_name(f"{out.stem}-{index:0{digits}}{out.suffix}")
 
     def check(self, out: Sequence[Path], others: Mapping[str, object]) -> None:
-        """Raise UsageError for `others` that are not None, for output to a pipe, and for bad file names."""
+        """Raise UsageError for excluded options, for output to a pipe, and for bad file names.
+
+        others : values of the options that exclude `self.option`, by name; None if not given
+        """
         for option, given in others.items():
             if given is not None:
                 raise UsageError(
@@ -110,7 +113,7 @@ class Frames:
                 )
 
     def split(self, out: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-        """Return pictures and movies among the outputs.
+        """Return the pictures and the movies among the outputs.
 
         Raises UsageError for a movie without pictures, and GlpathError if the encoder's package is missing.
         """
@@ -154,7 +157,7 @@ def write_movie(path: Path, frames: Sequence[Path], fps: float) -> None:
 
 
 def _even(picture: NDArray[Any]) -> NDArray[Any]:
-    """Crop a picture to an even width and height, which codecs require."""
+    """Repeat the last column and row where needed for an even width and height, which video codecs require."""
     import numpy as np
 
     height, width = picture.shape[:2]
@@ -165,11 +168,12 @@ def _even(picture: NDArray[Any]) -> NDArray[Any]:
 class FramesToRender:
     """Render job of several frames.
 
-    frames   : frames to render
-    out      : output files; the number of a frame is put into their names
-    movies   : movies made from the .png files of all frames
-    picture  : conversion of a film; automatic exposure is that of the first frame, which avoids flicker
-    run      : options of each frame; with `resume`, existing frames are kept
+    frames   : numbers of the frames to render
+    out      : output files of a frame; the frame number is put into their names
+    movies   : movies made from the 8-bit pictures of all frames
+    fps      : frames per second of the movies
+    picture  : conversion of a film; all frames get the automatic exposure of the first, which avoids flicker
+    run      : options for the render of each frame; with `resume`, existing frames are kept
     """
 
     frames: Frames
@@ -182,8 +186,9 @@ class FramesToRender:
     def render(self, scene: Scene, scenes: Scenes, options: dict[str, Any]) -> None:
         """Render and write all frames.
 
-        scene, scenes : scene of the first frame, and scenes of all others
-        options       : options of `glpath.render_frames`
+        scene   : scene of the first frame; for --turntable, the scene of all frames
+        scenes  : gives the scene of each frame of --frames
+        options : options of `glpath.render_frames`
 
         Raises ImageError, GlpathError if another process renders some of the frames, and `typer.Exit` if a signal
         ended the job before the last frame.
@@ -199,9 +204,9 @@ class FramesToRender:
             cameras = scene.camera.turntable(frames.stop) if frames.option == "--turntable" else None
             shown = (scenes.at(i) if cameras is None else cameras[i] for i in todo)
             held.enter_context(watched(self.run.silence, "The frames before it are written."))
-            held.enter_context(without_limit())  # each frame has its own
+            held.enter_context(without_limit())  # each frame has a time limit of its own
             held.enter_context(warnings.catch_warnings())
-            warnings.filterwarnings("ignore", "There is motion")  # a frame is a still of it
+            warnings.filterwarnings("ignore", "There is motion")  # each frame is a still picture of the motion
             workers = held.enter_context(workers_of(self.run.cluster))
             run = self.run.options(cluster=workers)
             ended_early = self._write(todo, rendering.render_frames(scene, shown, **options, **vars(run)))
@@ -261,7 +266,7 @@ def left_to_do(frames: Frames, out: Sequence[Path], resume: bool) -> list[int]:
 
 
 def _stops_before(frames: Frames, out: Sequence[Path]) -> float | None:
-    """Return the exposure of an existing frame, so that the others match it; None if there is no such frame."""
+    """Return the exposure of an existing frame in stops, for the new frames to match; None if no frame exists."""
     from PIL import Image
 
     for path in out:

@@ -1,6 +1,7 @@
 """Short help of a command (--help): its purpose, three examples and the options of everyday use.
 
-`--help-all` shows all of its options. A command says which at its registration: `app.command(**command_help(...))`.
+`--help-all` shows all options. Examples and everyday options are given when a command is registered:
+`app.command(**command_help(...))`.
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ from typing import Any, ClassVar
 
 from typer.core import TyperCommand
 
-#: Parameters that the short help of every command shows.
+#: Maximum number of parameters in the short help of a command. A test checks it.
 MAX_EVERYDAY = 25
-#: Panel of the options that control printed output.
+#: Help panel of the options that control printed output.
 OUTPUT_PANEL = "What is printed"
-#: First line of the paragraph of examples, which is not rewrapped.
+#: Start of the line above each example. A paragraph of the help that starts so keeps its line breaks.
 EXAMPLE = "# "
 _ALL = "--help-all"
 _SHOWS_ALL = "glpath.help_all"
@@ -24,8 +25,8 @@ _SHOWS_ALL = "glpath.help_all"
 class HelpfulCommand(TyperCommand):
     """Command with examples; options that are not for everyday use appear only in --help-all.
 
-    examples : pairs of a command line and its effect
-    everyday : parameters that --help shows; if empty, all
+    examples : pairs of a command line and a description of its effect
+    everyday : names of the parameters that --help shows, besides required ones; if empty, all
     """
 
     examples: ClassVar[Sequence[tuple[str, str]]] = ()
@@ -63,7 +64,11 @@ class HelpfulCommand(TyperCommand):
 
 
 def command_help(*examples: tuple[str, str], everyday: str = "") -> dict[str, Any]:
-    """Return keyword arguments of `app.command` for a command with examples and everyday parameters."""
+    """Return keyword arguments of `app.command` for a command with examples and everyday parameters.
+
+    examples : pairs of a command line and a description of its effect
+    everyday : parameter names separated by blanks
+    """
     given = {"examples": examples, "everyday": frozenset(everyday.split())}
     return {"cls": type("Command", (HelpfulCommand,), given)}
 
@@ -81,7 +86,7 @@ def _hidden(params: Sequence[Any]) -> Iterator[None]:
 
 @contextmanager
 def flags_without_a_type(params: Sequence[Any]) -> Iterator[None]:
-    """Hide the type <bool>, which Typer shows for flags, within the block."""
+    """Within the block, hide the type <bool> that Typer shows for flags."""
     flags = [param for param in params if getattr(param, "is_flag", False)]
     for param in flags:
         param.display_type_rich = lambda **_: None

@@ -120,8 +120,8 @@ def horizon(
 ) -> None:
     """Sky view factors, sun hours or direct irradiation of terrain, at the samples of a height field or at points.
 
-    Exact for the triangles between the samples. Sky view factors count an even sky above the horizon; the light of
-    the ground is not in them.
+    Results are exact for the surface of triangles between the samples. Sky view factors are for a uniform sky above
+    the horizon; they do not include light from the ground.
     """
     import time
 
@@ -229,7 +229,11 @@ def _points(path: Path, classes: str | None) -> NDArray[Any]:
 
 
 def _table(path: Path, option: str, needed: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Return the columns of a CSV file by the names in its first line. Raises UsageError."""
+    """Return columns of a CSV file by name, as named in its first line. Raises UsageError.
+
+    option : command line option of the file, for messages
+    needed : names of columns that must exist; `optional` columns are returned if they exist
+    """
     import csv
 
     import numpy as np
@@ -269,7 +273,7 @@ def _save_picture(path: Path, found: Horizon, values: NDArray[Any], quantity: st
     from glpath.system.files import write_bytes
 
     terrain = found.field
-    # A page shows no more than some hundred samples across.
+    # Draw every step-th sample, at most 1024 along a side: a page cannot show more.
     step = max(1, -(-max(values.shape) // 1024))
     x, y = terrain.coordinates()
     dx, dy = terrain.spacing

@@ -1,4 +1,4 @@
-"""`glpath lightmap`: the light on a scene's surfaces, in pictures on them, as glTF."""
+"""`glpath lightmap`: bake the light on a scene's surfaces into textures, and write the scene as glTF."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from glpath.bake.lightmap import Lightmap, Materials
 
 _ATLAS, _OUTPUT = "Atlas", "Output"
-#: Integrator options that apply to surfaces.
+#: Integrator options that `glpath lightmap` accepts.
 _OPTIONS = (
     "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "light_resolution",
     "geometry_budget", "bounce_lod", "lookup_depth", "cast", "radiosity", "radiosity_lookup", "direct_light",
@@ -42,7 +42,7 @@ _MATERIALS = ("unlit", "keep")
 _UV = ("make", "keep")
 #: Relative error above which the summary of a lightmap suggests more path sets.
 _NOISY = 0.05
-#: Relative error that the suggested number of path sets reaches.
+#: Relative error for which the summary estimates the number of path sets.
 _CLEAN = 0.02
 
 
@@ -148,12 +148,12 @@ def lightmap(
     run: RunRequest,
     **options: Any,
 ) -> None:
-    """Bake the light on a scene's surfaces into pictures on them, and write the scene with them as .glb.
+    """Bake the light on a scene's surfaces into textures, and write the scene with these textures as .glb.
 
-    All bounces and every kind of light, by the engines of `glpath render`. All of the model is baked; the inside of
-    closed solids has no texels, and what is inside other geometry gets the light beside it. Of highlights and
-    glass the diffuse part alone is baked; mirrors and metal as if they were rough. Ctrl-C ends it, and what there
-    is, is written.
+    The engines of `glpath render` compute the light, with all bounces and from every kind of light. The whole model
+    is baked. The inside of closed solids has no texels; texels inside other geometry get the light of texels beside
+    them. Of shiny materials and glass, only the diffuse part is baked. Mirrors and metal are baked as if they were
+    rough. Ctrl-C ends the render, and the light so far is written.
     """
     from glpath.bake.lightmap import check_density, check_glb
 
@@ -178,7 +178,7 @@ def lightmap(
     if uv == "make":
         from glpath.bake.atlas import require_xatlas
 
-        require_xatlas()  # before anything is read or compiled
+        require_xatlas()  # fail before anything is read or compiled
     with aside("camera", "picture"):
         loaded = read_scene(scene, parameters)
     check_writable(out)
@@ -199,7 +199,7 @@ def lightmap(
         exposure_stops: list[float] = []
 
         def save(path: Path) -> None:
-            made.append(bake.lightmap(film))  # inside this block, so that the film is saved if baking fails
+            made.append(bake.lightmap(film))  # made here, because `save_all` keeps the film if this function fails
             kind = cast("Materials", materials)
             exposure_stops.append(made[0].exposure_stops(stops))
             files.extend(made[0].save(path, materials=kind, exposure=exposure_stops[0], moz=moz))
@@ -225,7 +225,7 @@ def lightmap(
 def _summary(baked: Lightmap, stops: float | None, denoise: bool | None) -> Iterator[str]:
     """Yield the summary of a bake.
 
-    stops   : exposure of the file's colours; None if the file holds irradiance
+    stops   : exposure of the file's colours in stops; None if the file holds irradiance
     denoise : value of --denoise; None if it was not given
     """
     atlas, film = baked.atlas, baked.film
@@ -255,7 +255,10 @@ def _summary(baked: Lightmap, stops: float | None, denoise: bool | None) -> Iter
 
 
 def _denoising(denoised: bool, denoise: bool | None) -> str:
-    """Return whether a bake is denoised, and why if it is not; denoise: value of --denoise, or None."""
+    """Return the summary's line on denoising, with the reason if the bake is not denoised.
+
+    denoise : value of --denoise; None if it was not given
+    """
     if denoised:
         return "denoised by Open Image Denoise"
     return (

@@ -41,7 +41,7 @@ _LESS = "Take a smaller scene or picture, or allow more memory (`ulimit -v`, the
 class Commands(TyperGroup):
     """Command group that turns exceptions and warnings into lines on stderr and an exit code.
 
-    parts : commands that are imported on demand
+    parts : commands by name; the module of a command is imported when the command is used
     """
 
     parts: ClassVar[Mapping[str, Part]] = {}
@@ -97,7 +97,8 @@ def _wrong_usage_as_lines() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        # Click's, of which typer may have a copy of its own. One of them is the help for want of arguments.
+        # Errors of Click are recognized by a method, because Typer may bundle its own copy of Click.
+        # NoArgsIsHelpError is no mistake: Typer shows the help if a program is called without arguments.
         if not hasattr(error, "format_message") or type(error).__name__ == "NoArgsIsHelpError":
             raise
         context = getattr(error, "ctx", None)
@@ -118,7 +119,7 @@ def _warnings_and_logs_as_lines() -> Iterator[None]:
             say(warnings.formatwarning(message, category, *location[:2]).rstrip(), err=True)
 
     logs = CleanHandler(logging.WARNING)
-    # --verbose shows all messages of our own logger.
+    # With --verbose, the logger "glpath" also passes messages below WARNING.
     own, details = logging.getLogger("glpath"), CleanHandler(logging.DEBUG)
     details.addFilter(lambda record: record.levelno < logging.WARNING)
     level = own.level
@@ -140,7 +141,7 @@ def _traceback_as_lines(kind: type[BaseException], error: BaseException, trace: 
 
 
 def program(name: str, about: str, parts: Mapping[str, Part]) -> typer.Typer:
-    """Create a program whose commands report errors and warnings as lines and use the exit codes above."""
+    """Create a program whose commands report errors and warnings as lines and use this module's exit codes."""
     made = typer.Typer(
         name=name,
         cls=type("ProgramCommands", (Commands,), {"parts": parts}),
@@ -151,7 +152,7 @@ def program(name: str, about: str, parts: Mapping[str, Part]) -> typer.Typer:
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    made.callback()(lambda: None)  # without one, typer takes a program of one command for that command
+    made.callback()(lambda: None)  # without a callback, Typer drops the name of a program's only command
     return made
 
 
@@ -186,12 +187,13 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
     threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if not threads:
         os.environ.pop("NUMBA_NUM_THREADS", None)
-    elif not re.fullmatch("0*[1-9][0-9]{0,5}", threads):  # before numba's modules fail for it
+    elif not re.fullmatch("0*[1-9][0-9]{0,5}", threads):  # otherwise importing numba would fail
         found = shortened(threads)
         say(f"glpath: error: NUMBA_NUM_THREADS is {found!r}; must be a whole number from 1.\n  Unset it.", err=True)
         raise SystemExit(WRONG_USAGE)
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # as standard error: a name must not end a command
+        # As stderr does: a name that cannot be encoded must not end the command.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         with command_clock():
             commands(prog_name=name)
@@ -205,15 +207,14 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
             _end_with(end.code)
         raise
     finally:
-        if not _takes(
-            sys.stderr
-        ):  # Python would end with code 120 because of the reports that remain in its buffer
+        # Reports that stay in the buffer of stderr would make Python end with code 120.
+        if not _takes(sys.stderr):
             sys.stderr = io.StringIO()
 
 
 def run_and_end() -> None:
     """Call `run`, then end the process without Python's shutdown, which takes 0.1 s."""
-    sys.stderr = report_stream(sys.stderr)  # also for what other packages print
+    sys.stderr = report_stream(sys.stderr)  # also catches what other packages print
     try:
         run()
     except SystemExit as end:
@@ -221,12 +222,15 @@ def run_and_end() -> None:
         if not isinstance(end.code, int) or not all(thread.daemon for thread in others):
             raise
         if end.code == 0 and not _takes(sys.stdout):
-            raise  # Python has a line and a code for that
+            raise  # Python prints an error about stdout and sets the exit code
         _end_with(end.code)
 
 
 def _takes(stream: IO[str] | None, text: str = "") -> bool:
-    """Return True if a stream can write `text` and its buffer; a stream closed at start counts as writable."""
+    """Write `text` and flush the stream. Return False if that fails.
+
+    stream : output stream; None (closed when Python started) counts as written
+    """
     try:
         if stream is not None:
             stream.write(text)
@@ -237,10 +241,10 @@ def _takes(stream: IO[str] | None, text: str = "") -> bool:
 
 
 def _end_with(code: int) -> None:
-    """End the process with this exit code.
+    """End the process with this exit code, without Python's shutdown.
 
-    After a signal nothing else will do: `python -m` ends as by SIGINT, whatever the code, where a KeyboardInterrupt
-    has once gone through code that was made from text, as that of dataclasses is, even if it was caught.
+    After a signal, only this sets the code: `python -m` ends as if killed by SIGINT if a KeyboardInterrupt has
+    passed through generated code, such as a dataclass method, even if it was caught.
     """
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):

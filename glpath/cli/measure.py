@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 _POINTS = "Points"
 _RECEIVERS = ("plane", "cylinder")
-# Maximum deviation of the light on open ground from 100 lx, for a daylight factor; lx.
+# Maximum deviation of the illuminance on open ground from 100 lx, which --daylight-factor requires; lx.
 _OFF = 2.0
 #: Suffixes of files with false colours.
 _COLOURED = (".html", ".png", ".glb")
@@ -172,12 +172,12 @@ def measure(
     run: RunRequest,
     **options: Any,
 ) -> None:
-    """Irradiance and illuminance at points, with standard errors; of all also mean, minimum, maximum, and the
-    uniformities U0 (minimum over mean) and Ud (minimum over maximum).
+    """Irradiance and illuminance at points, with standard errors. The summary has the mean, minimum and maximum of
+    all points, and the uniformities U0 (minimum / mean) and Ud (minimum / maximum).
 
-    Points may lie on surfaces or be free; each has the light of the side that its normal leaves. The scene needs no
-    camera, but light of its own, or --white-sky. Lux are the luminance (0.2126 R + 0.7152 G + 0.0722 B) of the
-    irradiance; of light in watts times 179 lm/W.
+    Points may lie on surfaces or be free in space. Each receives light on the side to which its normal points. The
+    scene needs no camera, but it needs light of its own, or --white-sky. Illuminance in lx is the luminance
+    (0.2126 R + 0.7152 G + 0.0722 B) of the irradiance; for light in watts, it is multiplied by 179 lm/W.
     """
     from glpath.cli.measured import Measured
     from glpath.cli.point_files import EN_12464, check_kind, check_within, grid_of, read_points, save_csv
@@ -264,7 +264,10 @@ def measure(
 
 
 def _check_makes_per_cent(scene: Scene, receiver: str) -> None:
-    """Raise UsageError unless the sky of the scene gives 100 lx on open ground, so that lux are per cent."""
+    """Raise UsageError unless the scene's sky alone gives 100 lx on open ground.
+
+    Only then is the illuminance in lx the daylight factor in per cent.
+    """
     from glpath.scene.sky_map import open_ground
 
     if receiver != "plane":

@@ -41,7 +41,9 @@ class Measured:
 
     @property
     def values(self) -> Float64:
-        """Illuminance in lux, (N,); NaN at points inside solids (points without light, if others have light)."""
+        """Illuminance, (N,) float64, lx. A point without light is taken to be inside a solid and is NaN; if no
+        point has light, all values are 0.
+        """
         lux = self.found.illuminance()
         return np.where(lux > 0, lux, np.nan if (lux > 0).any() else 0.0)
 

@@ -1,4 +1,4 @@
-"""`glpath merge`: combine films of several ranges of path sets, or shards of daylight, into one."""
+"""`glpath merge`: combine films of several ranges of path sets, or shards of daylight coefficients, into one."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from glpath.film.film import Film
     from glpath.film.metadata import FilmMetadata
 
-# The remedy for films that cannot be denoised.
+# Remedy in messages about films without the AOVs that the denoiser needs.
 _HOW_TO_GUIDE = "Render shards without --no-denoise; a job made in Python has to ask for these AOVs."
 
 
@@ -60,10 +60,11 @@ def merge(
 ) -> None:
     """Add up films of one render: every path set has the same weight and counts once.
 
-    A shard is what `glpath render SCENE --sample-range A:B -o a.npz` or a part of a job writes. Shards of one kind
-    of device give the picture and the layers of an uninterrupted render, bit for bit and in any order. A file that
-    is named twice, or a copy of one, counts once. Shards that share path sets, and shards of another scene or
-    setting, are refused. The same holds for shards of `glpath daylight --shard K/N`, whose sensors are different.
+    A shard is a film that `glpath render SCENE --sample-range A:B -o a.npz` or a part of a job has written. Shards
+    from devices of one kind give the picture and the layers of an uninterrupted render, bit for bit, in any order.
+    A file that is named twice counts once, and so does a copy of a file. Shards that share path sets are refused,
+    and so are shards of another scene or setting. The same holds for shards of `glpath daylight --shard K/N`, each
+    of which has sensors of its own.
     """
     from glpath.daylight.merging import is_coefficients
     from glpath.film.film import check_suffix
@@ -101,11 +102,11 @@ def merge(
 
 
 def _check_denoisable(metadata: FilmMetadata, first: Path, out: list[Path], denoise: bool | None) -> None:
-    """Raise UsageError if --denoise is impossible; warn if pictures stay noisy that `glpath render` would denoise.
+    """Raise UsageError if --denoise is impossible. Warn if a picture stays noisy that `glpath render` denoises.
 
-    metadata : of the merged film
-    first    : the first of the merged files; all of them have the same AOVs
-    denoise  : as typed; None: if possible
+    metadata : metadata of the merged film
+    first    : first of the merged files; all of them have the same AOVs
+    denoise  : value of --denoise; None: denoise if possible
     """
     from glpath.jobs.shards import WITHOUT_GUIDES
 
@@ -128,7 +129,7 @@ def _check_denoisable(metadata: FilmMetadata, first: Path, out: list[Path], deno
 
 
 def _notes(film: Film, picture: Picture) -> Iterator[str]:
-    """Yield what distinguishes the merged film from an uninterrupted render, and whether pictures are denoised."""
+    """Yield lines on missing path sets, on several devices or versions, and on the denoising of pictures."""
     gaps = [f"{start}:{stop}" for (_, start), (stop, _) in pairwise(film.ranges)]
     if gaps:
         yield f"no film holds path sets {', '.join(gaps)}"

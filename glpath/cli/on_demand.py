@@ -35,7 +35,9 @@ class Part:
 class CommandsOnDemand(Mapping[str, Any]):
     """Commands by name; a command of `parts` is imported when it is first looked up.
 
-    Help texts are escaped, because rich would take `glpath[figures]` for a style.
+    made : commands that exist already
+
+    Help texts are escaped, because rich would read `glpath[figures]` as a style.
     """
 
     def __init__(self, parts: Mapping[str, Part], made: Mapping[str, Any]) -> None:
@@ -85,7 +87,7 @@ def _carry_strict_option(
         ),
     ] = False,
 ) -> None:
-    """Declare the option --strict, which each command gets."""
+    """Declare the option --strict, which is added to each command."""
 
 
 def _strict_option() -> Any:
@@ -95,7 +97,7 @@ def _strict_option() -> Any:
 
 
 def as_written(part: Any) -> None:
-    """Remove markup and our own line breaks from the help texts of a command or parameter."""
+    """In the help texts of a command or parameter, join the lines of each paragraph and escape rich's markup."""
     for name in ("help", "short_help", "epilog"):
         if text := getattr(part, name, None):
             setattr(part, name, escape(_unwrapped(text)))

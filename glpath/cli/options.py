@@ -1,4 +1,4 @@
-"""Options of commands, made from the declarations of a run (`run_request`) and of integrators (settings)."""
+"""Command line options, made from the options declared in `run_request` and from the settings of integrators."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from glpath.integrators.settings import Rgb
 from glpath.rendering.options import Option, options
 from glpath.system.time_limit import limited
 
-#: Panel of the help with the options that all integrators have.
+#: Help panel of the options that all integrators have.
 FOR_ALL = "Sampling"
 
 
@@ -33,13 +33,15 @@ def with_options(
     integrators: Collection[str] = tuple(INTEGRATORS),
     texts: Mapping[str, str] = MappingProxyType({}),
 ) -> Callable[..., Any]:
-    """Return a command whose parameters `run`, a `RunRequest`, and `**options`, those of integrators, are options.
-    Either parameter may be missing.
+    """Return a command that has command line options instead of two parameters of `function`.
+
+    The values of a run's options are passed to `function` as `run`, a `RunRequest`. Those of integrators' options
+    are passed as `**options`, if `function` has that parameter.
 
     run         : names of the options of a run
-    only        : names of the options of integrators; None: all
-    integrators : integrators of the command; options of others are left out
-    texts       : help texts that replace those of a run's options
+    only        : names of the integrator options; None: all
+    integrators : integrators of the command; options that only other integrators have are left out
+    texts       : help texts that replace those of a run's options, by option name
     """
     signature = inspect.signature(function, eval_str=True)
     explicit = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
@@ -78,7 +80,7 @@ def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
 
 
 def _options_of(integrators: Collection[str]) -> Iterator[Option]:
-    """Yield the options that only these integrators have."""
+    """Yield each option that one of these integrators has, without the settings of other integrators."""
     for option in options().values():
         settings = {owner: setting for owner, setting in option.settings.items() if owner in integrators}
         if settings:
@@ -142,7 +144,7 @@ def _panel(option: Option, integrators: Collection[str]) -> str:
 def _value(option: Option, integrator: str, value: Any) -> Any:
     if value is None or value == []:
         return None
-    # `render` reports an option of another integrator and names that integrator.
+    # An option that only another integrator has is not an error here: `render` reports it.
     setting = option.settings.get(integrator, option.first)
     if setting.words:
         for word in value if setting.several else (value,):

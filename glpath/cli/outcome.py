@@ -31,7 +31,7 @@ WITHOUT_CHECKPOINT = 3
 
 _RESUME = "  the same command with --resume continues from {}"
 
-# Labels of the ray counts in `film.metadata.statistics`.
+# Printed labels of the counts in `film.metadata.statistics["intersection_tests"]`.
 _TESTS = {
     "primary": "from the eye",
     "shadow_buffer": "to fill shadow-buffers",
@@ -64,10 +64,10 @@ class Outcome:
     ) -> None:
         """Write and report all results. Return only if the render is complete and written.
 
-        write : function that writes the outputs; returns the written paths and the errors of others
-        lines : function that makes the printed lines
-        there : results that an interrupted render has written
-        event : further values in the last object of `--progress json`
+        write : writes the outputs; returns the written paths, and the error if an output could not be written
+        lines : makes the printed lines from the written paths
+        there : makes the text on the results of an interrupted render from the written paths
+        event : makes further values for the last object of `--progress json`
 
         Raises `failure`, ImageError for outputs that cannot be written, and `typer.Exit` with the exit code.
         """
@@ -127,9 +127,9 @@ class Outcome:
 
 
 def leave_picture(outcome: Outcome, out: Sequence[Path], picture: Picture, spp: int | None) -> None:
-    """Write the film as pictures, and report it.
+    """Write the film to the output files, and report the render.
 
-    spp : path sets asked for; None if another rule ends the render
+    spp : requested number of path sets; None if another rule ends the render
     """
     film = outcome.film
     stops = film.exposure_stops(picture.exposure) if film.path_sets else 0.0
@@ -188,7 +188,7 @@ def leave_for_later(checkpoint: Checkpoint, film: Film) -> typer.Exit:
 
 
 def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, picture: Picture) -> Iterator[str]:
-    """Yield lines on the scene, device, speed and noise of a film; stops: exposure of a .png."""
+    """Yield lines on the size, device, speed and noise of a film; stops: exposure of 8-bit pictures."""
     m = film.metadata
     _, _, width, height = m.window
     error = film.relative_error()
@@ -238,7 +238,7 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
 
 
 def bias_lines(film: Film) -> Iterator[str]:
-    """Yield a line on the bias of a gather, or that "path" replaced it because of its bias."""
+    """Yield a line on the bias of the integrator "gather", or on the bias because of which "path" replaced it."""
     bias, rejected = film.bias(), film.rejected_bias()
     if bias is not None:
         large = "" if bias.is_small() else ", which is too large; --integrator path has none"
@@ -265,7 +265,7 @@ def _as_event(film: Film, written: Sequence[Path], interrupted: bool) -> EndReco
 
 
 def bias_as_json(film: Film) -> dict[str, float] | None:
-    """Return the fields of `glpath.film.bias.Bias`; None if the film has none."""
+    """Return the fields of the film's `Bias` as a dictionary; None if the film has no bias estimate."""
     bias = film.bias()
     return None if bias is None else vars(bias)
 

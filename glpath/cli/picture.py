@@ -18,7 +18,7 @@ from glpath.system.files import Save
 if TYPE_CHECKING:
     from glpath.film.film import Film
 
-#: Panel of the help that lists these options.
+#: Help panel under which these options are listed.
 IMAGE = "Image"
 
 ExposureOption = Annotated[
@@ -60,7 +60,7 @@ _FOR_EYES = (*EIGHT_BIT, ".exr", "")
 _BLACK = 6
 # Minimum 8-bit value that looks white.
 _WHITE = 254
-# Fraction of black or of white pixels from which a picture is useless.
+# Fraction of black pixels, or of white ones, from which on a picture counts as nearly all black or white.
 _NEARLY_ALL = 0.985
 
 
@@ -70,7 +70,7 @@ class Picture:
 
     exposure : stops, "auto", or None for that of the film's scene
     tonemap  : one of `TONEMAP_NAMES`
-    denoise  : True or False; None: if possible, see `of_film`
+    denoise  : True or False; None: denoise if possible, see `of_film`
     missing  : True if the picture stays noisy because the denoiser is missing
     """
 
@@ -128,5 +128,5 @@ class Picture:
         film.save(path, exposure=stops, tonemap=self.tonemap, denoise=bool(self.denoise))
 
     def saves(self, film: Film, out: Sequence[Path], stops: float) -> Mapping[Path, Save]:
-        """Return the function that writes each output, for `save_all`."""
+        """Return, for each output, the function that writes it. `save_all` calls the functions."""
         return {path: lambda at: self.save(film, at, stops) for path in out}

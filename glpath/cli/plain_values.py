@@ -1,7 +1,7 @@
 """Shortcut for option values that need no conversion by Typer.
 
-From version 0.29 on, Typer converts the value of each parameter by pydantic, defaults included. That costs each
-command an import and about sixty adapters, a tenth of a second. Most values are None or have their type already.
+Since version 0.29, Typer converts the value of each parameter, even a default, with pydantic. To import pydantic
+and to build about sixty adapters takes each command 0.1 s. Most values are None or have their final type already.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ def spare_conversions(command: Any) -> None:
     get_params = command.get_params
 
     def sparing(context: Any) -> Any:
-        # Repeated at each lookup, because Typer adds its parameters for help and completion late.
+        # Repeated at each lookup, because Typer adds its own parameters for help and completion late.
         found = get_params(context)
         for parameter in found:
             convert = getattr(parameter, "get_runtime_param", None)
-            # Older versions of Typer convert by functions of their own.
+            # Older versions of Typer lack this method; they convert without pydantic.
             if convert is not None and "get_runtime_param" not in vars(parameter):
                 parameter.get_runtime_param = _SparingConversion(convert).itself
         return found
@@ -35,7 +35,7 @@ def spare_conversions(command: Any) -> None:
 
 
 class _SparingConversion:
-    """Conversion that creates Typer's own converter at the first value that needs it."""
+    """Conversion that calls Typer's own converter only for values that need it."""
 
     def __init__(self, convert: Callable[[], Any]) -> None:
         self._convert = convert
@@ -78,8 +78,8 @@ def _is_read(read: Callable[[str], object], text: str) -> bool:
 
 
 def _is_plain(value: Any, kind: Any) -> bool:
-    """Return True if Typer would return the value unchanged or only make a Path of it."""
+    """Return True if Typer would return the value unchanged or only wrap it in a Path."""
     if kind is Path:
-        # Typer has to check that an existing file can be read.
+        # An existing file that cannot be read is left to Typer, which reports it.
         return isinstance(value, str) and (os.access(value, os.R_OK) or not os.path.exists(value))
     return kind in (str, int, float) and type(value) is kind

@@ -1,4 +1,4 @@
-"""Text of a grid's figures: mean, minimum, maximum and uniformity, with standard errors."""
+"""Text of a measurement's summary: mean, minimum, maximum and uniformity, with standard errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def figures(spread: Spread, digits: int = 4, unit: str = "lx") -> str:
-    """Return the figures of a grid with standard errors; U0 is minimum over mean, Ud minimum over maximum."""
+    """Return mean, minimum, maximum, U0 (minimum / mean) and Ud (minimum / maximum) as text, with errors."""
     mean, minimum, maximum = (
         with_error(x, f"{x.value:.{digits}g}", shown)
         for x, shown in ((spread.mean, f" {unit}"), (spread.minimum, ""), (spread.maximum, ""))
@@ -22,7 +22,7 @@ def figures(spread: Spread, digits: int = 4, unit: str = "lx") -> str:
 
 
 def with_error(of: Estimate, value: str, unit: str = "") -> str:
-    """Append the standard error with two digits; nothing if it is unknown or below the last digit shown."""
+    """Append standard error and unit to a value's text; no error if it is unknown or at most 1e-4 of the value."""
     if not of.error > 1e-4 * abs(of.value):
         return f"{value}{unit}"
     return f"{value} ± {of.error:.2g}{unit}"

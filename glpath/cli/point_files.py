@@ -1,4 +1,4 @@
-"""Points of `glpath measure`, a grid in a plane or a table, and files of the results."""
+"""Points of `glpath measure` (a grid in a plane, or a table), and files with its results."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MAX_POINTS = 4_000_000
 #: Suffixes of the output formats.
 WRITABLE = (".csv", ".npz", ".html", ".png", ".glb", ".vtp")
 
-#: Value of the spacing option for the spacing that EN 12464-1 defines by the size of the area.
+#: Value of --spacing that selects the spacing of EN 12464-1, which depends on the size of the area.
 EN_12464 = "en12464-1"
 
 _POINT, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
@@ -60,7 +60,7 @@ class Grid:
     across : indices of the two axes in the plane: columns follow the first, rows the second
     axis   : index of the axis perpendicular to the plane
     height : position along that axis, scene units
-    first  : first point, along the two axes in the plane
+    first  : coordinates of the first point along the two axes in the plane, scene units
     shape  : (rows, columns)
     step   : spacing along the two axes, scene units
     """
@@ -74,7 +74,7 @@ class Grid:
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Bounds of the cells: first axis minimum and maximum, then second axis."""
+        """Bounds of the cells, scene units: minimum and maximum along the first axis, then along the second."""
         (a, b), (rows, columns), (du, dv) = self.first, self.shape, self.step
         a, b = a - 0.5 * du, b - 0.5 * dv
         return a, a + columns * du, b, b + rows * dv
@@ -87,26 +87,26 @@ class Grid:
 
     @property
     def en_12464_counts(self) -> tuple[int, int]:
-        """Number of points along both axes that EN 12464-1 requires for the area, in metres."""
+        """Numbers of points along the two axes that EN 12464-1 requires for the area, if scene units are metres."""
         a, b, c, d = self.extent
         return en_12464_counts(b - a, d - c)
 
     @property
     def coarser_than_en_12464(self) -> bool:
-        """True if an axis has fewer points than the standard requires."""
+        """True if the grid has fewer points along an axis than EN 12464-1 requires."""
         (rows, columns), (first, second) = self.shape, self.en_12464_counts
         return columns < first or rows < second
 
     @property
     def beside_en_12464(self) -> str:
-        """Comparison of the number of points with the standard, as text."""
+        """Comparison of the number of points with EN 12464-1, as text."""
         a, b, c, d = self.extent
         first, second = self.en_12464_counts
         counts = f"{first} x {second} points or more for {b - a:.3g} x {d - c:.3g} m"
         return f"{counts}; this grid has fewer" if self.coarser_than_en_12464 else f"{counts}: fulfilled"
 
     def described(self, scene: Scene) -> str:
-        """Return the position of the grid as text, and its orientation if it is not a horizontal plane."""
+        """Return the position of the grid as text, with a hint if the plane is not horizontal."""
         a, b, c, d = self.extent
         u, v = (AXES[i] for i in self.across)
         ranges = f"{u} from {_at(a)} to {_at(b)}, {v} from {_at(c)} to {_at(d)}"
@@ -119,10 +119,13 @@ class Grid:
 
 
 def en_12464_counts(first: float, second: float) -> tuple[int, int]:
-    """Return the number of points along both sides of an area, in metres, by EN 12464-1, 4.4 (2011).
+    """Return the numbers of points along the two sides of an area by EN 12464-1, 4.4 (2011).
 
-    p = 0.2 * 5^log10(d) apart and 10 at most, d being the longer side, or the shorter one where the other is twice
-    as long: the whole number nearest to d / p; along the other side the nearest that makes cells square.
+    first, second : lengths of the sides, m
+
+    The spacing is p = 0.2 * 5^log10(d), at most 10 m. d is the longer side, or the shorter side if the longer is at
+    least twice as long. Side d gets the integer nearest to d / p. The other side gets the integer that makes cells
+    most nearly square.
     """
     longer, shorter = max(first, second), min(first, second)
     d = longer if longer < 2 * shorter else shorter
@@ -187,7 +190,7 @@ def grid_of(
             "Take a wider one, or a smaller --area.",
         )
     columns, rows = (int(n) for n in counts)
-    # Cells leave margins of equal width on both sides.
+    # The cells are centred in the area: strips left over at opposite edges have equal width.
     start = lower + 0.5 * (size - counts * step) + 0.5 * step
     u, v = (start[i] + step[i] * np.arange(n) for i, n in enumerate((columns, rows)))
     u, v = np.meshgrid(u, v)
@@ -201,9 +204,10 @@ def grid_of(
 
 
 def check_within(at: Points, scene: Scene, option: str) -> None:
-    """Warn if all points lie outside of the scene and its lamps inside.
+    """Warn if all points lie outside the bounding box of the scene and its lamps.
 
-    Raises UsageError if the distance exceeds the size of the scene, because then unit or origin differ.
+    Raises UsageError if even the nearest point is farther from the box than the box is wide. Then the points
+    probably have another unit or origin than the scene.
     """
     lamps = [light.position for light in scene.lights if light.kind != "directional"]
     box = np.array([*scene.bounds, *lamps])
@@ -218,7 +222,7 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
     nearest = gap[gap.max(axis=1).argmin()]
     axis = int(nearest.argmax())
     if (upper - lower)[axis] <= 1e-3 * size and nearest[axis] <= size:
-        return  # above open ground
+        return  # points near a scene that is flat along this axis, such as open ground
     low, high = _at(lower[axis]), _at(upper[axis])
     text = f"{option}: all points lie outside the scene, which reaches from {AXES[axis]} = {low} to {high}"
     if nearest[axis] > size:
@@ -232,7 +236,7 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
 
 
 def _at(x: float) -> str:
-    """Return a coordinate as text: four digits, or two decimals if it is far from the origin."""
+    """Return a coordinate as text: four significant digits, or two decimals from 10,000 units on."""
     return f"{x:.4g}" if abs(x) < 1e4 else f"{x:.2f}"
 
 
@@ -251,12 +255,12 @@ def read_points(path: Path, normal: Vector | None) -> Points:
     """Read points from a table of x, y, z and nx, ny, nz, with a header or in this order; # begins a comment.
 
     path   : file of values separated by commas, semicolons, tabs or blanks, as spreadsheets and Radiance write
-             them; decimal commas are read if commas separate nothing and no number has a point
-    normal : normal of points without one in the file
+             them; a comma is a decimal comma if it separates no values and no number has a decimal point
+    normal : normal of all points if the file has no normals
 
     Raises UsageError that names the faulty line.
 
-    FILE.hbjson#GRID is a sensor grid of honeybee's, FILE.hbjson all of them.
+    FILE.hbjson#GRID selects one sensor grid of a honeybee model, FILE.hbjson all of its sensor grids.
     """
     file, _, grid = str(path).partition("#")
     if file.lower().endswith(".hbjson"):
@@ -327,10 +331,11 @@ def _text(path: Path) -> str:
 
 
 def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
-    """Return (line number, cells) of each line that is neither empty nor a comment, with decimal points."""
+    """Return (line number, cells) of each line except empty lines and comments; decimal commas become points."""
     lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1) if line.strip(' \t,;"')]
     lines = [(i, line) for i, line in lines if not line.lstrip().startswith("#")]
-    given = re.fullmatch(r"sep=(.)\s*", lines[0][1], re.IGNORECASE) if lines else None  # Excel's
+    # Excel may write a first line such as "sep=;", which names the delimiter.
+    given = re.fullmatch(r"sep=(.)\s*", lines[0][1], re.IGNORECASE) if lines else None
     if given is not None:
         del lines[0]
     first = lines[0][1] if lines else ""
@@ -346,7 +351,7 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
             cells = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter))
             cells = [cell.strip() for cell in cells]
             if delimiter == "\t" and any(" " in cell for cell in cells) and all(map(_NUMBER.match, line.split())):
-                cells = line.split()  # blanks within a point, a tab between it and its normal
+                cells = line.split()  # blanks between coordinates, and a tab between point and normal
             if ends:
                 cells = cells[:-1] if not cells[-1] else cells
             if decimal_commas:

@@ -10,16 +10,16 @@ from glpath.cli.completion import words
 from glpath.integrators.by_name import AUTO, INTEGRATORS
 from glpath.integrators.settings import PathSetSettings
 
-#: Integrators whose paths can start at points.
+#: Names of the integrators whose paths can start at given points instead of at a camera.
 POINT_INTEGRATORS = tuple(name for name, kind in INTEGRATORS.items() if issubclass(kind, PathSetSettings))
-#: Allowed values of --integrator at points.
+#: Allowed values of --integrator in commands that compute light at points.
 POINT_CHOICES = (AUTO, *POINT_INTEGRATORS)
-#: Integrator options that apply to points.
+#: Integrator options that `glpath measure` and `glpath probes` accept.
 POINT_OPTIONS = (
     "max_depth", "seed", "sampling", "guide", "ambient", "roulette", "directions", "lookup_depth", "cast",
     "radiosity", "geometry_budget",
 )  # fmt: skip
-#: Panel of the help that lists these options.
+#: Help panel under which these options are listed.
 LIGHT_PANEL = "Light"
 
 WhiteSky = Annotated[

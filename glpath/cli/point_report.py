@@ -146,7 +146,7 @@ def _lamps(scene: Scene) -> Iterator[str]:
 
 
 def _values_on_the_plan(measured: Measured, grid: Grid) -> Iterator[str]:
-    """Yield a table of the values; the first row of the grid is at the bottom, as on the plan."""
+    """Yield an HTML table of the values; the first row of the grid is at the bottom, as on the plan."""
     rows, columns = grid.shape
     every = max(1, math.ceil(columns / _COLUMNS), math.ceil(rows / _ROWS))
     values = measured.values.reshape(grid.shape)[::every, ::every]
@@ -169,7 +169,7 @@ def _values_on_the_plan(measured: Measured, grid: Grid) -> Iterator[str]:
 
 
 def _colours(values: np.ndarray[Any, Any], top: float) -> tuple[list[list[str]], list[list[str]]]:
-    """Return each value's colour on the plan, whose scale ends at `top`, and the colour of text on it."""
+    """Return the CSS colours of each value's background (false colours from 0 to `top`) and of its text."""
     colours = false_colours(values, top)
     bright = luminance(colours) > 0.45
     named = [["#" + "".join(f"{round(255 * x):02x}" for x in colour) for colour in row] for row in colours.tolist()]

@@ -88,9 +88,9 @@ def probes(
 ) -> None:
     """Light probes in a grid: the light from all around, in second-order spherical harmonics.
 
-    The JSON holds 27 numbers a probe, as SphericalHarmonics3.fromArray of three.js takes them. Probes inside
-    solids get the mean of their valid neighbours, and are counted. The scene needs no camera, but light of its own,
-    or --white-sky.
+    The JSON holds 27 numbers per probe, in the order of SphericalHarmonics3.fromArray of three.js. Probes inside
+    solids get the mean of their valid neighbours, and the summary has their number. The scene needs no camera, but
+    it needs light of its own, or --white-sky.
     """
     from glpath.bake.probes import ProbeGrid, Probes
     from glpath.bake.streamed import budget_for

@@ -159,10 +159,10 @@ def radiosity(
 ) -> None:
     """Solve the light between a scene's diffuse surfaces; `glpath render --integrator gather` shows it.
 
-    Progressive refinement shoots the patch with the most unshot energy first; matrix takes all form factors at
-    once, for small scenes; monte-carlo shoots particles, for many elements. Ctrl-C ends it, and what was solved
-    until then is written; so do SIGTERM, SIGHUP, SIGUSR1 and the like, or with --checkpoint or --resume they write
-    that alone.
+    The method progressive shoots from the patch with the most unshot energy first. matrix computes all form factors
+    at once, for small scenes. monte-carlo shoots particles, for many elements. Ctrl-C ends the solver, and the
+    solution so far is written. SIGTERM, SIGHUP, SIGUSR1 and similar signals do the same; with --checkpoint or
+    --resume, they write only the checkpoint.
 
     Colours of a .glb are radiance times 2^STOPS, linear, at most 1; its material is unlit (KHR_materials_unlit).
     """
@@ -261,10 +261,11 @@ def _check_suffix(path: Path) -> None:
 
 
 def _check_solved(context: typer.Context, solution: Path) -> None:
-    """Raise UsageError for options of the solver if a solution is given."""
+    """Raise UsageError if solver options were typed beside --radiosity, whose solution is solved already."""
     for option in context.command.params:
         assert option.name is not None, "options have names"
-        source = context.get_parameter_source(option.name)  # by its name: Typer may have a Click of its own
+        # The source is compared by name below, because Typer may bundle its own copy of Click.
+        source = context.get_parameter_source(option.name)
         says_how = getattr(option, "rich_help_panel", None) in (_MESH, _SOLVER)
         says_how = says_how or option.name in ("checkpoint", "resume", "time_limit")
         if says_how and source is not None and source.name == "COMMANDLINE":

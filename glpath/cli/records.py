@@ -35,7 +35,7 @@ Device = Annotated[str, Meta(description="name of the device")]
 
 
 class MemoryRecord(TypedDict):
-    """What a render took of memory."""
+    """Memory use of a render, in bytes."""
 
     peak_resident_bytes: Annotated[int, Meta(description="the most that the process had in memory")]
     film_bytes: Annotated[int, Meta(description="size of the film's arrays")]
@@ -50,7 +50,7 @@ class CheckpointRecord(TypedDict):
 
 
 class RenderStats(TypedDict):
-    """What `glpath render --stats FILE` writes."""
+    """JSON object that `glpath render --stats FILE` writes."""
 
     scene: Annotated[str, Meta(description="name of the scene")]
     scene_hash: Annotated[str, Meta(description="SHA-256 of the scene's content")]

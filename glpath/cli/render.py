@@ -1,7 +1,7 @@
 """`glpath render`: image of a scene or of a job file.
 
-Errors in options, scene and outputs are found before the render begins. `running` renders the film, `frames` many
-films, `outcome` writes and reports them.
+Errors in options, scene and outputs are found before the render begins. The module `running` renders one film and
+`outcome` writes and reports it; `frames` renders and writes several.
 """
 
 from __future__ import annotations
@@ -148,9 +148,9 @@ def render(
 ) -> None:
     """Render a scene to one or more files.
 
-    Ctrl-C ends the render after the running path set and writes what there is; so do SIGTERM, SIGHUP, SIGUSR1
-    and the like, or with --checkpoint or --resume they write the checkpoint alone. Files appear whole or
-    not at all; missing folders are made.
+    Ctrl-C ends the render after the running path set, and the result so far is written. SIGTERM, SIGHUP, SIGUSR1
+    and similar signals do the same; with --checkpoint or --resume, they write only the checkpoint. Each file is
+    written completely or not at all. Missing folders are created.
     """
     from glpath.film.film import check_suffix
     from glpath.rendering.job import RenderJob

@@ -1,4 +1,4 @@
-"""Options of a run, each declared once; a command names those that it has.
+"""Options of a run, each declared once; a command names the options that it has.
 
 `with_options` of `glpath.cli.options` passes the typed values as a `RunRequest` to the command, and
 `RunRequest.options` converts them for the renderer.
@@ -187,7 +187,7 @@ class RunRequest:
 
     @property
     def interval(self) -> tuple[float | None, int | None]:
-        """Interval of checkpoints, in seconds or in steps."""
+        """Interval of checkpoints as (seconds, steps), one of which is None; both None without --checkpoint."""
         return (None, None) if self.checkpoint is None else interval("--checkpoint", self.checkpoint)
 
     @property
@@ -216,7 +216,11 @@ class RunRequest:
         return self.time_limit is not None or self.noise is not None or self.clean is not None
 
     def until_clean(self, noisy: bool, picture: Picture) -> RunRequest:
-        """Return the request with the rule "looks clean" if no other rule ends the render."""
+        """Return the request with a rule that ends the render when the picture looks clean.
+
+        A picture that is denoised gets the rule `clean`. One that lacks only the denoiser gets the rule `noise`.
+        Otherwise, the request is returned unchanged.
+        """
         if not noisy or not (picture.denoise or picture.missing):
             return self
         return replace(self, clean=_CLEAN) if picture.denoise else replace(self, noise=_FAIR)
@@ -251,7 +255,7 @@ EXIT_CODES = (
 _OF_DEVICES = ("backend", "device", "require_gpu", "noise", "stats", "cluster")
 #: Options of the radiosity solver, which needs no device.
 OF_SOLVERS = tuple(name for name in OF_FILMS if name not in _OF_DEVICES)
-#: Options of view factors, which choose the interval between saves themselves.
+#: Options of `viewfactors`; it chooses the interval between saves itself, so it has no --checkpoint.
 OF_MATRICES = tuple(name for name in OF_SOLVERS if name not in ("checkpoint", "hang_limit", "time_limit"))
 #: Options of `daylight`, which needs a device.
 OF_DAYLIGHT = ("backend", "device", "require_gpu", "cluster", *OF_MATRICES)

@@ -1,4 +1,4 @@
-"""Rendering of the film for `glpath render`: from a scene or a job file, here or on a cluster, new or resumed."""
+"""Rendering of films for commands: from a scene or a job file, in this process or on a cluster, new or resumed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("glpath")
 
-# Function that renders with the options of a run.
+# Function that renders a film with the given options of a run.
 Start = Callable[["RunOptions"], "Film"]
 
 # Options allowed with --job: outputs, device and reporting.
@@ -42,7 +42,7 @@ def refuse_beside_a_job(context: typer.Context) -> None:
     for parameter in context.command.params:
         name = parameter.name or ""
         source = context.get_parameter_source(name)
-        # By its name: typer may have a copy of click with an enumeration of its own.
+        # Compared by name, because Typer may bundle a copy of Click with its own enumeration.
         if name in _BESIDE_A_JOB or source is None or source.name != "COMMANDLINE":
             continue
         shown = "SCENE" if name == "scene" else parameter.opts[0]
@@ -94,7 +94,9 @@ def workers_of(address: str | None) -> Iterator[Cluster | None]:
 def outcome_of(start: Start, run: RunRequest, checkpoint: Checkpoint | None, begun: Film | None) -> Outcome:
     """Render and return the outcome; the film is partial if a signal ends the render or workers fail.
 
-    checkpoint, begun : checkpoint of the render, and the film that it contains
+    start      : renders the film with given options
+    checkpoint : checkpoint of the render; None if there is none
+    begun      : film to resume, loaded from the checkpoint; None for a new render
 
     Raises KeyboardInterrupt if a signal comes before there is a film.
     """
@@ -143,7 +145,7 @@ def _film_of(
         except Exception as error:
             keep_after_failure(checkpoint, error)
             raise
-    except KeyboardInterrupt:  # between the render and here
+    except KeyboardInterrupt:  # came while the render was not handling signals
         if not films:
             raise
     return films[0], None

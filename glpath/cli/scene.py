@@ -64,7 +64,10 @@ class OptionLocation(SourceLocation):
 
 
 def seen(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, Any]) -> Scene:
-    """Return the scene with the camera fields that options set (not None). Raises UsageError naming the option."""
+    """Return the scene with the resolution and camera fields that options set; None: not set.
+
+    Raises UsageError that names the option.
+    """
     from glpath.rendering.job import with_overrides
 
     given = {name: value for name, value in camera.items() if value is not None}
@@ -92,7 +95,7 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
 
 
 def light_of(scene: Scene) -> str:
-    """Return a line on the lights of a scene, including lights that were added."""
+    """Return a line on the lights of a scene, including a sky that was added because the scene had no light."""
     import numpy as np
 
     from glpath.scene import Environment
@@ -108,7 +111,7 @@ def light_of(scene: Scene) -> str:
     if emitting:
         parts[0] += " that emit" + "s" * (emitting == 1)
     factors = sorted(set(factors_of(scene)))
-    if factors and factors != [1.0]:  # empty if the sun is the only light
+    if factors and factors != [1.0]:  # `factors` is empty if the sun is the only light
         between = " to ".join(f"{factor:g}" for factor in dict.fromkeys((factors[0], factors[-1])))
         parts[-1] += f" (maintenance factor {between})"
     if isinstance(scene.sky, Environment):
@@ -138,7 +141,10 @@ class Scenes:
     fps: float
 
     def at(self, frame: int | None = None) -> Scene:
-        """Return the scene at a frame (None without --frames). Raises and warns as `read_scene`, once in all."""
+        """Return the scene at the time of a frame. Raises and warns as `read_scene`.
+
+        frame : number of the frame; None without --frames
+        """
         from glpath.io.completed import camera_replaced
 
         with camera_replaced(self.camera):

@@ -20,7 +20,7 @@ from glpath.cli.completion import words
 from glpath.errors import UsageError
 from glpath.scene.choices import BACKGROUNDS
 
-#: Heading of these options in the help.
+#: Help panel of the options for environment and background.
 SURROUNDINGS_PANEL = "Surroundings"
 MODEL_PANEL = "Model"
 
@@ -99,9 +99,9 @@ OF_SHAPES = ("animation", "variant", "time")
 
 
 def with_scene_options(function: Callable[..., Any], names: Collection[str]) -> Callable[..., Any]:
-    """Return a command with these options.
+    """Return a command that calls `function` and has the scene options `names` besides its own.
 
-    Their values are appended to its parameter `parameters`, the texts of -D.
+    Given values are appended as KEY=VALUE to the function's parameter `parameters`, the list of -D.
     """
     signature = inspect.signature(function, eval_str=True)
     before = list(signature.parameters.values())
@@ -125,7 +125,7 @@ def with_scene_options(function: Callable[..., Any], names: Collection[str]) -> 
 
 
 def flag(name: str) -> str:
-    """Return the option for a parameter's name, as it is typed: --name."""
+    """Return the option as typed, such as --environment-rotation for environment_rotation."""
     return "--" + name.replace("_", "-")
 
 

@@ -130,7 +130,7 @@ def _about_material(scene: Scene, material: Material) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return the value as JSON can store it."""
+    """Return the value in a form that JSON can store: an array becomes a list."""
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 

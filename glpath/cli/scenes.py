@@ -148,7 +148,7 @@ def schema(
 
 
 def scenes(as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False) -> None:
-    """List the shipped scenes, and of generated ones the parameters (-D KEY=VALUE) with their defaults."""
+    """List the shipped scenes, and the parameters (-D KEY=VALUE) of generated scenes with their defaults."""
     shipped = shipped_scenes()
     if as_json:
         listed = [

@@ -1,8 +1,8 @@
 """Handling of signals that end a command (SIGINT, SIGTERM, SIGHUP, ...): they wait until results are saved.
 
-The first one ends the computation, as a KeyboardInterrupt. From then on, or from the moment that a result is there
-(`hold`), signals wait until the command has saved it and ended; the third one that has to wait gives up. A signal
-that the parent process ignores stays ignored, as SIGHUP under nohup.
+The first signal ends the computation by a KeyboardInterrupt. After it, or after a call of `hold` because a result
+exists, signals wait until the command has saved the result and ended. The third waiting signal ends the command
+without saving. A signal that was ignored when the process started stays ignored, such as SIGHUP under nohup.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class _Signals:
             raise KeyboardInterrupt
         text = f"glpath: saving what there is; to give that up, interrupt {'once' if left == 1 else 'twice'} more\n"
         with contextlib.suppress(OSError):
-            write_report(2, text.encode())  # print is not for signal handlers
+            write_report(2, text.encode())  # print is not safe in a signal handler
 
 
 # State of the command in the main thread; a process has one set of handlers.
@@ -66,7 +66,7 @@ def signals_wait_for_results() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    # A shell starts background jobs with SIGINT ignored, and nohup its command with SIGHUP; so they stay.
+    # Signals ignored at the start stay ignored: SIGINT in background jobs of a shell, SIGHUP under nohup.
     before = {number: signal.getsignal(number) for number in TERMINATING}
     before = {number: handler for number, handler in before.items() if handler is not signal.SIG_IGN}
     if callable(on_interrupt := signal.getsignal(signal.SIGINT)):
@@ -103,7 +103,7 @@ def arrived() -> bool:
 
 
 def by_scheduler() -> bool:
-    """Return True if the first signal takes the process away for good (`TERMINATING`), and was not Ctrl-C."""
+    """Return True if the first signal was one with which schedulers end processes (`TERMINATING`), not Ctrl-C."""
     return _current.first in TERMINATING
 
 

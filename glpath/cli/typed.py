@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import re
 
-# Names of command options, besides those of integrators.
+# Names of command options that are not options of integrators.
 _OF_COMMANDS = (
     *("integrator", "crop", "resolution", "device", "require_gpu", "hours", "time_limit"),
     *("size", "texels", "uv", "materials", "white_sky", "maintenance_factor"),
 )
 
-# A name and its value: words in quotes with their alternatives, several in brackets, True or False, a number.
+# Argument NAME=VALUE. The value is a quoted word, several joined by ", " or " or ", a tuple, a boolean or a number.
 _ARGUMENT = re.compile(r"""\b([a-z_]+)=("[^"]*"(?:(?:, | or )"[^"]*")*|\([^()]*\)|(?:True|False)\b|[\d.]+\b)""")
 
 

@@ -81,7 +81,7 @@ def watched(hang_limit: float, left: str, suspects: str = RENDERING) -> Abstract
 
 
 def left_in(checkpoint: Path | None) -> str:
-    """Return the sentence on the last checkpoint of a process that hangs."""
+    """Return the sentence on saved results for the message about a process that hangs."""
     if checkpoint is None:
         return "There was no --checkpoint, so nothing is kept."
     return f"The last checkpoint is {checkpoint}, where one was written; --resume continues from it."

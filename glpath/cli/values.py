@@ -30,7 +30,11 @@ def check_spp(spp: int | None) -> None:
 def numbers(
     option: str, text: str, form: str, counts: Sequence[int], kind: Callable[[str], float], separator: str = ","
 ) -> list[Any]:
-    """Return the numbers in a text. Raises UsageError that shows `form` unless their count is in `counts`."""
+    """Return the numbers in a text. Raises UsageError if one is not finite or their count is not in `counts`.
+
+    form : expected form of the text, for the message, such as X,Y,Z
+    kind : function that converts the text of one number
+    """
     try:
         found = [kind(part) for part in text.split(separator)]
     except ValueError:
@@ -41,7 +45,7 @@ def numbers(
 
 
 def vector(option: str, text: str | None) -> Vector | None:
-    """Return the vector X,Y,Z, or None. Raises UsageError."""
+    """Return the vector X,Y,Z; None if `text` is None. Raises UsageError."""
     if text is None:
         return None
     x, y, z = numbers(option, text, "X,Y,Z", [3], real)
@@ -102,7 +106,7 @@ def seconds(option: str, text: str, allow_zero: bool = False) -> float:
 
 
 def interval(option: str, text: str) -> tuple[float | None, int | None]:
-    """Return an interval in seconds (60s, 5m) or in steps (100i). Raises UsageError."""
+    """Return (seconds, None) for a time such as 60s, or (None, steps) for steps such as 100i. Raises UsageError."""
     if match := re.fullmatch(r"([0-9]{1,18})i", text.strip().lower()):
         if int(match[1]) < 1:
             raise UsageError(f"{option} {text}: must be at least one step, 1i.")
@@ -114,7 +118,7 @@ def interval(option: str, text: str) -> tuple[float | None, int | None]:
 
 
 def shard_of(text: str | None) -> tuple[int, int] | None:
-    """Return K and N of --shard K/N, or None. Raises UsageError."""
+    """Return K and N of --shard K/N; None if `text` is None. Raises UsageError."""
     if text is None:
         return None
     found = re.fullmatch(r"([0-9]{1,18})/([0-9]{1,18})", text.strip())

@@ -89,9 +89,9 @@ def viewfactors(
 ) -> None:
     """The matrix of view factors between the fronts of faces, with everything that hides them from each other.
 
-    Row i, column j is the share of what leaves face i that arrives at face j. What a row lacks of 1 goes past all
-    faces, to the sky, or arrives at backs of faces, which is reported. Closed forms where nothing occludes two
-    faces from each other, exact visibility from points elsewhere.
+    Row i, column j is the fraction of the energy from face i that arrives at face j. If the sum of a row is below
+    1, the rest goes past all faces to the sky, or arrives at backs of faces, which is reported. Two faces that
+    nothing occludes from each other have closed forms; others have exact visibility from sample points.
     """
     from glpath.io.meshes import FORMATS
     from glpath.radiosity.view_factors.faces import geometry_alone
@@ -110,7 +110,7 @@ def viewfactors(
         raise UsageError(f"--resume: {out[0]} is no file that a second one could stand beside.", "Name a file.")
     file = Path(scene)
     faces: Path | Scene = file
-    # A mesh file is read unchanged, so that row i is its face i, because a scene drops triangles without area.
+    # A mesh file is not read as a scene, which would drop triangles without area, because row i must be face i.
     if parameters or groups == "shapes" or file.suffix.lower() not in FORMATS:
         with geometry_alone():
             faces = read_scene(scene, parameters)

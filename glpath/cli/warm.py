@@ -56,7 +56,7 @@ def compile_kernels(scene: Scene) -> RadiositySolution:
         solution = solve_radiosity(scene, method=method, patches=1, adaptive=adaptive, particles=1)
     say("view factors", err=True)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SceneWarning)  # about the ground under the box
+        warnings.simplefilter("ignore", SceneWarning)  # hides the warning about the ground under the box
         view_factors(scene, groups="shapes")
     return solution
 

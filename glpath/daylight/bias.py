@@ -70,7 +70,10 @@ def bias_of_solution(
 
 
 def _block_means(light: NDArray[np.float32]) -> list[Float64]:
-    """Return the mean light (BLOCKS, BLOCKS) of blocks of n sensors for each batch of rays; light: (n, R)."""
+    """Return the mean light (BLOCKS, BLOCKS) of BLOCKS^2 blocks of sensors, for each batch of rays.
+
+    light : (n, R) light along the rays of the sensors
+    """
     n, number = len(light), np.arange(BLOCKS**2)
     first = number * n // BLOCKS**2
     last = np.maximum((number + 1) * n // BLOCKS**2, first + 1)

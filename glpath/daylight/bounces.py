@@ -1,14 +1,14 @@
 """Reflected light at sensors, for all patches of the sky and all sun positions at once.
 
-Surfaces are divided into elements, which act as sensors: their direct light is found as for others. Rays between
-the elements give a matrix F of form factors, and one solution has all columns as right-hand sides. Rays from the
-sensors are cast once; the elements that they hit weight the solution's columns.
+Surfaces are divided into elements, whose direct light is computed as for sensors. There is one column for each
+patch and sun position. Rays between the elements give a matrix F of form factors, and one linear system is solved
+for all columns. Rays from the sensors are cast once, and give a matrix W of weights of the elements that they hit.
 
     H = E + F B,  B = rho H,  indirect = W B
 
-H is the irradiance of the elements' sides and B their radiosity. The solution takes all surfaces as diffuse, metal
-too, and reflectance as luminance, so colours do not bleed. Columns are solved in groups, so that only the sensors'
-results of a large scene stay in memory.
+E is the direct irradiance of the elements' sides, H their total irradiance, B their radiosity and rho their
+reflectance. All surfaces count as diffuse, even metal. Reflectance is a luminance, so colours do not bleed. Columns
+are solved in groups, so that only the sensors' results of a large scene stay in memory.
 
 Cost:     a core microsecond for each ray; a dense matrix of R x R sides, or a sparse one beyond `DENSE` sides.
 Poor at:  caustics of mirrors or solid glass; sun patches smaller than the elements near the sensors.
@@ -45,7 +45,7 @@ DEFAULT_ELEMENTS = 2000
 SIDE_RAYS = 128
 #: Default number of rays from each sensor.
 GATHER_RAYS = 1024
-#: Offset of the seed of sensors' rays from that of rays between sides.
+#: Number added to the seed for the rays from sensors, so that they differ from the rays between sides.
 GATHER_SEED = 1
 #: Number of sample points on a side.
 POINTS = 4
@@ -68,7 +68,7 @@ class ReflectingSides:
     elements : approximate number of elements
     seed     : seed of the sample points
 
-    points, normals : (R POINTS, 3) points just above the surfaces, and unit normals, side by side
+    points, normals : (R POINTS, 3) points just above the surfaces, and unit normals; POINTS rows for each side
     reflected, transmitted : (2, T) reflectance and transmittance (luminance) of fronts and backs of triangles
     """
 
@@ -80,7 +80,7 @@ class ReflectingSides:
         self.sides = sides = Sides.of(scene, made)
         self.surfaces = Surfaces.of(scene, rays_of(scene), divisions, from_eye=True)
         number = sides.number(len(made))
-        self._number = number.ravel()  # twice the element's index, plus 1 for its back
+        self._number = number.ravel()  # index of a reflecting side, by 2 * element + back; -1 for other sides
         occluders = Occluders.of_scene(scene)
         solid = occluders.solid[occluder_of_triangle(occluders.parallelogram)]
         points, _ = Solids.of(scene, solid).open_points(made, sides, POINTS, seed)
@@ -89,7 +89,7 @@ class ReflectingSides:
         self.normals = np.repeat(sides.normal, POINTS, axis=0)
         self.points = points.reshape(-1, 3) + self.lift * self.normals
         triangle = made.triangle[sides.element]
-        # Without the mirror reflection of glass, which rays follow.
+        # The mirror reflection of glass is not included, because rays follow it.
         self.reflected = np.ascontiguousarray(self.surfaces.reflectance @ LUMINANCE)
         self.transmitted = np.ascontiguousarray(self.surfaces.transmittance @ LUMINANCE)
         self._reflectance = self.reflected[sides.back, triangle]
@@ -112,7 +112,10 @@ class ReflectingSides:
         return sparse.csr_array((values.astype(np.float32), (rows, columns)), shape=(count, count))
 
     def weights(self, hits: Hits, each: int = 1) -> Any:
-        """Return the sparse matrix (n / each, R) from radiosity to the mean irradiance of `each` points."""
+        """Return the sparse matrix (n / each, R) that maps radiosity to the irradiance of points.
+
+        each : number of consecutive points whose mean irradiance is one row
+        """
         from scipy import sparse
 
         number = self._number[np.maximum(hits.side, 0)]
@@ -138,7 +141,10 @@ class ReflectingSides:
         return np.asarray(means.std(axis=1, ddof=1) / np.sqrt(BATCHES), np.float32)
 
     def between(self, rays: int, seed: int) -> tuple[Any, Float32]:
-        """Return form factors (R, R), sparse, by rays, and the sides' irradiance (R,) under a sky of radiance 1."""
+        """Trace rays from all sides.
+
+        Returns sparse form factors (R, R), and the sides' irradiance (R,) under a sky and a ground of radiance 1.
+        """
         of_sky = np.zeros(len(self), np.float32)
         found = _Rows(len(self), len(self), POINTS * ray_count(rays))
         for hits in cast_hits(self.surfaces, self.points, self.normals, "plane", rays, seed):

@@ -113,7 +113,7 @@ class _Shards:
         self._running: dict[Any, int] = {}
         self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._tries: Counter[int] = Counter()
-        self._warned: set[str] = set()  # texts of workers
+        self._warned: set[str] = set()  # texts of workers' warnings that were given already
 
     def come(self) -> Iterator[tuple[int, DaylightCoefficients]]:
         """Yield index and coefficients of each missing shard in order of arrival."""
@@ -165,7 +165,7 @@ class _Shards:
             assert isinstance(found, DaylightCoefficients), "what compute_shard returns"
         except Exception as error:
             if isinstance(error, GlpathError) and not isinstance(error, ContextError):
-                raise  # the same on each worker
+                raise  # each worker would fail with the same error
             self._tries[number] += 1
             reason = (str(error).splitlines() or [type(error).__name__])[0]
             if type(error).__name__ == "KilledWorker":  # its text is about Dask's internals

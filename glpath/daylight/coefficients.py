@@ -35,9 +35,9 @@ Float64 = NDArray[np.float64]
 
 #: Number of the file format, see CONTRIBUTING.md; format 1, without reflected light, is read too.
 FORMAT = 2
-# Number of floats in a block of rows (64 MiB).
+# Maximum number of floats in a block of rows (64 MiB).
 _BLOCK = 1 << 24
-# Size of the words in bytes from which on the file is not compressed.
+# Files with more than this many bytes of visibility words are written without compression.
 _PLAIN = 1 << 27
 
 

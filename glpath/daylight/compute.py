@@ -323,10 +323,11 @@ def _reflecting(
     seed: int,
     flag: Flag,
 ) -> tuple[ReflectingSides, Reflections, Bias]:
-    """Return elements of a triangulated scene, their reflections, and the bias of these at receivers.
+    """Return the elements of a triangulated scene, the reflections between them, and their bias at receivers.
 
-    elements : number of elements; None: a number that makes the bias small. Warns SceneWarning if the bias is too
-               large
+    elements : number of elements; None: `DEFAULT_ELEMENTS`, or `REFINED` times as many if their bias is not small
+
+    Warns SceneWarning if the bias is too large.
     """
     for factor in (1, REFINED):
         sides = ReflectingSides(scene, DEFAULT_ELEMENTS * factor if elements is None else elements, seed)
@@ -427,7 +428,7 @@ def _words_of_pass(
     report: Callable[[int], None],
     flag: Flag,
 ) -> tuple[Words, Shares | None]:
-    """Return words and transmittances as `_words`, from one pass over a stream."""
+    """Return words and transmittances as `_words` does, from one pass over a stream."""
     done, found, shares = 0, None, None
     if kept is not None:
         done, found = kept.read(key, (-(-len(directions) // WORD), rays.count))

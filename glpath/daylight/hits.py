@@ -1,7 +1,7 @@
-"""First hits of rays from points with a scene's elements, and the weights of the elements' radiosity at the points.
+"""Rays from points to a scene's elements: first hits, and weights that give irradiance from the hits' radiosity.
 
-Rays of a plane have a cosine density; rays of a cylinder or sphere are uniform over all directions. They are
-stratified in batches. Glass reflects or transmits rays at random, and partly opaque surfaces transmit them at
+Rays of a plane receiver have a cosine density. Rays of a cylinder or sphere are uniform over all directions. Rays
+are stratified in batches. Glass reflects or transmits rays at random, and partly opaque surfaces transmit them at
 random, as in the radiosity solver.
 
 Cost:     about a microsecond of a core for each ray.
@@ -32,7 +32,7 @@ BATCHES = 8
 _TURNS = 16
 # Maximum number of glass surfaces that a ray passes in a row.
 _MAX_THROUGH = 64
-# Maximum number of rays in a block of points: 16 MiB, and more for their weight matrix.
+# Maximum number of rays in a block of points; the hits take 16 MiB, and their weight matrix takes more.
 _BLOCK = 1 << 21
 
 
@@ -169,7 +169,8 @@ def _to_cosine(d, nx, ny, nz):  # type: ignore[no-untyped-def]
 def _to_diffuse(surfaces, o, d, own, w, state, found):  # type: ignore[no-untyped-def]
     """Follow a ray (o, d) from triangle `own` through glass and openings to a diffuse side; o becomes the hit.
 
-    Returns the triangle, or -1; 1 for its back; the weight, from w on; and the state of random numbers.
+    Returns the triangle (-1 if the ray leaves the scene), 1 if its back is hit or else 0, w multiplied by the
+    factors of passed surfaces, and the random state. After too many surfaces, the triangle is -1 and the weight 0.
     """
     glass = surfaces.glass
     passed = 0

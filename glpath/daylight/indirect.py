@@ -21,8 +21,9 @@ _COLUMNS = 1 << 23
 class Indirect:
     """Irradiance of N sensors by reflected light: the matrix product (weights @ radiosity).
 
-    weights   : scipy.sparse.csr_array (N, R) float32; the identity if the product's rows take less memory
-    radiosity : (R, C) float32, radiosity of the sides for each column: ground, patches and suns
+    weights   : scipy.sparse.csr_array (N, R) float32; the identity if the product itself takes less memory
+    radiosity : (R, C) float32, radiosity of the sides for each column (ground, patches and suns); the product
+                itself if `weights` is the identity
     errors    : (N,) float32, standard errors of the sums over columns of ground and sky, from the sensors' rays
     bias      : bias of the light under a sky and a ground of radiance 1, caused by element size; None if unknown
     """

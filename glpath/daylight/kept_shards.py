@@ -57,5 +57,5 @@ class KeptShards:
         part.save(self._folder / f"{number}-of-{self.count}.npz")
 
     def remove(self) -> None:
-        """Delete the folder after the whole computation."""
+        """Delete the folder; called when the whole computation is complete."""
         shutil.rmtree(self._folder, ignore_errors=True)

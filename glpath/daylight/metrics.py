@@ -17,13 +17,13 @@ Bools = NDArray[np.bool_]
 
 #: Illuminance threshold of daylight autonomy, lx.
 AUTONOMY = 300.0
-#: Minimum fraction of hours with this illuminance for a sensor to count for sDA.
+#: Minimum fraction of hours with `AUTONOMY` lx or more for a sensor to count for sDA.
 AUTONOMY_SHARE = 0.5
 #: Bounds of useful daylight, lx, between four classes: too little, supplementary, enough, too much.
 USEFUL = (100.0, 300.0, 3000.0)
 #: Illuminance threshold of direct sunlight, lx.
 SUNLIGHT = 1000.0
-#: Hours per year with such sunlight above which a sensor counts for ASE.
+#: Hours per year with `SUNLIGHT` lx or more of direct sunlight, above which a sensor counts for ASE.
 SUNLIGHT_HOURS = 250.0
 #: Fraction of sensors in sunlight above which blinds close.
 BLINDS = 0.02

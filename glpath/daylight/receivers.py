@@ -1,4 +1,4 @@
-"""Response of small receivers to light from a direction: irradiance for unit radiance and solid angle.
+"""Response of small receivers to light from a direction: irradiance for unit radiance and unit solid angle.
 
 The response of a plane is the cosine of the angle to its normal, on one side. For a cylinder it is the mean over
 planes around its axis: the sine of the angle to the axis over pi. For a sphere it is the mean over planes in all

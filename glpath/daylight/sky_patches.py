@@ -27,7 +27,7 @@ _ROWS = (30, 30, 24, 24, 18, 12, 6)
 SUBDIVISIONS = {1: 145, 2: 577, 4: 2305}
 #: Number of ground directions per direction of a sky patch.
 _GROUND = 16
-# Generator of an infinite two-dimensional lattice, whose first n points are even for any n (Roberts 2018).
+# Generator of an infinite two-dimensional lattice whose first n points are evenly spread for any n (Roberts 2018).
 _LATTICE = (0.7548776662466927, 0.5698402909980532)
 
 
@@ -110,8 +110,8 @@ class SkyPatches:
     ) -> Directions:
         """Return directions that sample all patches, uniform over each patch.
 
-        samples : number of directions per patch: 1, its centre, or an even number of mirror-image pairs. A pair
-                  integrates a linear function over the patch without error
+        samples : number of directions per patch: 1 (its centre), or an even number, as pairs of mirror images. A
+                  pair integrates a linear function over the patch without error
         ground  : number of ground directions, even; default: 16 times as many as a patch
 
         Pairs are lattice points, shifted at random in each patch.

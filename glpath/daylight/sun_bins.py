@@ -55,7 +55,7 @@ class SunBins:
             middle = (low + high) // 2
             low, high = (middle, high) if len(_bins(latitude, middle)[0]) <= count else (low, middle)
         azimuth, sine = _bins(latitude, low)
-        if len(azimuth) > count:  # one row has more bins than that
+        if len(azimuth) > count:  # even one row of declinations has more bins than `count`
             chosen = np.unique(np.linspace(0, len(azimuth) - 1, count).round().astype(int))
             azimuth, sine = azimuth[chosen], sine[chosen]
         return cls(compass.directions(azimuth, sine), 2.0 * OBLIQUITY / low, latitude)

@@ -38,9 +38,10 @@ MAX_TEXELS = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class Texels:
-    """Faces of a scene's surfaces.
+    """N texels: small faces of a scene's surfaces.
 
-    corners     : (N, 4, 3) float64, scene units, counter-clockwise seen from the front; a triangle repeats its last
+    corners     : (N, 4, 3) float64, scene units, counter-clockwise seen from the front; in a triangle, the last two
+                  are equal
     shape       : (N,) int32, index of the shape in the scene
     shape_names : names of all shapes of the scene
     """

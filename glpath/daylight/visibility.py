@@ -96,7 +96,10 @@ class PointVisibility(Owner):
             self._streamed = StreamedRays(gl, device, positions, self._far)
 
     def see_out(self, directions: Float64, number: int = 0) -> Iterator[Seen]:
-        """Yield the visibility along each word of 32 unit directions (D, 3); `number` is that of the first one."""
+        """Yield the visibility along each word of 32 unit directions (D, 3).
+
+        number : index of the first direction; it seeds random decisions at blended surfaces
+        """
         if not self.chunks:
             yield from self._rays.see_out(directions, number)
             return

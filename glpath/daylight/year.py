@@ -31,7 +31,7 @@ Float64 = NDArray[np.float64]
 OCCUPIED = (8, 18)
 #: Albedo of the ground around the scene.
 GROUND = 0.2
-#: Maximum size of hourly values in a file, bytes; a longer year can be saved as summaries only.
+#: Maximum size of hourly values in a file, bytes. If they are larger, only summaries can be saved.
 MAX_HOURS = 2 << 30
 # Number of floats in a block of rows (64 MiB).
 _BLOCK = 1 << 24
@@ -48,7 +48,8 @@ class DaylightYear:
 
     coefficients : coefficients of the sensors
     weather      : weather of the site
-    blinds       : coefficients of the same sensors with one group of blinds closed, for each group; () without
+    blinds       : for each group of blinds, coefficients of the same sensors with that group closed; () if there
+                   are no blinds
     skies        : skies of the hours with light
     occupied     : (H,) bool, True for hours that count for autonomy and the other summaries
     threshold    : illuminance threshold of daylight autonomy, lx
@@ -275,7 +276,7 @@ def daylight_year(
         sunlit = np.zeros(len(skies))
         for part in _parts(count, len(skies)):
             sunlight = _sunlight(coefficients, skies, part)
-            if len(groups) > 1:  # sunlight through the windows of this group
+            if len(groups) > 1:  # count only the sunlight that the blinds of this group would block
                 sunlight -= _sunlight(group, skies, part)
             sunlit += (part.stop - part.start) * metrics.sunlit_share(sunlight)
         is_closed[skies.hours] = metrics.blinds_closed(sunlit / count)
@@ -299,7 +300,10 @@ def daylight_year(
 
 
 def check_suffix(path: str | Path) -> str:
-    """Return the suffix of an output file. Raises UsageError for others, GlpathError if a package is missing."""
+    """Return the suffix of an output file, .nc or .csv.
+
+    Raises UsageError for another suffix, and GlpathError if a package is missing.
+    """
     suffix = Path(path).suffix.lower()
     if suffix not in (".nc", ".csv"):
         raise UsageError(
@@ -322,7 +326,7 @@ def check_hours(path: str | Path, sensors: int, hours: int, wanted: bool) -> Non
 
 
 def blocks(count: int, width: int) -> Iterator[tuple[int, int]]:
-    """Yield first and last row of blocks of rows; a block has at most _BLOCK floats, `width` in each row."""
+    """Yield half-open ranges (first, last) of rows; a block has at most _BLOCK floats, `width` in each row."""
     step = max(1, _BLOCK // max(1, width))
     for first in range(0, count, step):
         yield first, min(first + step, count)

@@ -1,13 +1,13 @@
 """Scheduler of path sets for workers of unknown speed, which decides on the next chunk and its size.
 
-It contains only numbers, no processes. A chunk is a range of path sets of a job. Films of chunks merge into the
-job's film, bit for bit, for any division.
+It only does arithmetic; `cluster` talks to the workers. A chunk is a range of path sets of a job. Films of chunks
+merge into the job's film, bit for bit, for any division into chunks.
 
 A chunk should take `seconds` of a worker's time, estimated from earlier chunks. Near the end chunks shrink, so that
 workers end together (guided self-scheduling, Polychronopoulos and Kuck 1987). A failed chunk is handed out again,
 up to `ATTEMPTS` times; then it is set aside, and the others continue. Its last attempt is made alone, after all
-others, because a chunk may fail only since another one ended its worker. When nothing is left to hand out, a late
-chunk may be given to a second worker (`straggler`), and the first result counts.
+others, because it may have failed only because another chunk ended its worker. When nothing is left to hand out, a
+late chunk may be given to a second worker (`straggler`), and the first result counts.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from glpath.film.film import Film
 
 #: Maximum number of attempts for a chunk.
 ATTEMPTS = 3
-# Factor on the usual time of a chunk after which it is a straggler.
+# A chunk that takes longer than this multiple of the usual time is a straggler.
 _LATE = 2.0
 # Maximum size of a chunk, as a fraction of the remaining path sets per worker.
 _SHARE = 0.5
@@ -129,7 +129,7 @@ class Chunks:
 
     def _cut(self, size: int) -> Range:
         start, stop = self._left.popleft()
-        # End at the end of a block, or within the present block if the size is smaller.
+        # End the chunk at the end of a block, or within the present block if that is farther than the size.
         whole = (start + size) // BLOCK * BLOCK
         end = min(stop, whole if whole > start else start + size)
         for _, upto in blocks(start, end):
@@ -142,7 +142,7 @@ class Chunks:
         return start, end
 
     def done(self, chunk: Chunk, seconds: float) -> bool:
-        """Record a finished copy of a chunk and its time. Returns True if it is the first copy."""
+        """Record a finished copy of a chunk and its time. Returns True if no other copy finished before."""
         if chunk not in self.out:
             return False
         self.out.remove(chunk)
@@ -176,5 +176,5 @@ class Chunks:
 
     @property
     def over(self) -> bool:
-        """True if nothing is left to hand out and no chunk is handed out."""
+        """True if nothing is left to hand out and no worker has a chunk."""
         return not (self.out or self._left or self._again or self._suspects)

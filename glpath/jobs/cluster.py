@@ -11,8 +11,8 @@ end, with a film of all others.
 Cost:     start of Python, a context and shaders for each worker; network transfer of a film's sums for each chunk,
           24 bytes per pixel and batch of path sets.
 Poor at:  short renders, because a worker takes seconds to start; several workers on one graphics card; several
-          workers on a machine without a graphics card, because llvmpipe already uses all cores. Those gain only if
-          its single-threaded vertex stage takes longest.
+          workers on a machine without a graphics card, because llvmpipe already uses all cores. They are faster
+          than one worker only if llvmpipe's single-threaded vertex stage takes most of the time.
 """
 
 from __future__ import annotations
@@ -123,7 +123,10 @@ class Cluster(Connection):
 def _with_small_bias(
     plan: Plan, job: RenderJob, scene: Scene, traced: Scene, options: RunOptions, clock: Clock
 ) -> Plan:
-    """Return the prepared plan, or another if its bias is too large; measured here once for all workers."""
+    """Measure the bias of the prepared plan here, once for all workers.
+
+    Returns the plan, or another plan if the bias is too large.
+    """
     if clock.film.metadata.statistics.keys() & {BIAS_PROBE, REJECTED_GATHER} or not plan.settings.biased:
         return plan
     sensor = sensor_in(traced, job.sensor, scene).reduced(SIDE)
@@ -284,7 +287,7 @@ class _Render:
         self._events.put((future, found, time.perf_counter() - began))
 
     def _take(self, chunks: Chunks) -> None:
-        """Process all results that have arrived, after waiting a tick for the first."""
+        """Process all results that have arrived; wait up to `_TICK_S` for the first."""
         with contextlib.suppress(queue.Empty):
             self._take_one(chunks, *self._events.get(timeout=_TICK_S))
             while True:
@@ -312,7 +315,10 @@ class _Render:
                     warn(text, late=True)
 
     def _ready(self) -> list[int]:
-        """Return the chunks to merge now: only the next one if a rule checks the film, otherwise all."""
+        """Return the first path set of each chunk to merge now.
+
+        If a stop rule checks the film, chunks are merged in order, one at a time; otherwise all that have arrived.
+        """
         if self.clock.options.noise is None and self.clock.options.clean is None:
             return list(self._parts)
         return [first] if self._order and (first := min(self._order)) in self._parts else []
@@ -392,7 +398,7 @@ class _Render:
         with quiet(), contextlib.suppress(Exception):
             self.cluster.client.cancel(list(self._running), force=True)
         self._running.clear()
-        # Do not wait for it, because a worker may hang.
+        # Delete the shared data in a thread, and do not wait for it, because a worker may hang.
         self._gatherers.submit(self.cluster.forget, self.shared)
         self._gatherers.shutdown(wait=False)
 

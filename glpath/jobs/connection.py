@@ -1,4 +1,4 @@
-"""Connection to the workers of a cluster (Dask distributed): local processes, or those of a scheduler, also by TLS.
+"""Connection to the workers of a cluster (Dask distributed): local processes, or workers of a scheduler.
 
 Trust:    a Dask scheduler runs any code that a client sends on all workers, and a client unpickles data from
           workers. So all parts of a cluster trust each other fully, and anybody who can connect acts as that user
@@ -30,13 +30,13 @@ _LOCAL = "local:"
 # Maximum number of local processes.
 _MAX_LOCAL = 1024
 _LOOPBACK = "127.0.0.1"
-# Maximum wait for a refused connection, seconds; a new scheduler listens after a second or two.
+# Time during which a refused connection is tried again, seconds; a new scheduler listens after a second or two.
 _REFUSED_S = 5.0
 # Maximum number of attempts to make a client if its thread does not start within Dask's timeout.
 _LOOP_STARTS = 3
 # Time for which a broken connection may recover, seconds.
 _LOST_S = 3.0
-# Maximum time of a scheduler's answer, seconds.
+# Maximum time to wait for a scheduler's answer, seconds.
 _ANSWER_S = 30.0
 _ENCRYPTED = ("tls://", "wss://", "inproc://")
 
@@ -87,7 +87,8 @@ class Connection:
     def check(self) -> None:
         """Raise ContextError if the connection to the scheduler has been broken for some seconds.
 
-        The check is free. Dask itself retries for half a minute, and a call to the scheduler would wait as long.
+        The check sends nothing, so it costs no time. Dask itself retries for half a minute, and a call to the
+        scheduler would wait as long.
         """
         if self.client.status == "running":
             self._lost_at = None
@@ -163,8 +164,8 @@ def _count(address: str) -> int:
 def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
     cores = core_count()
     share = cores // count
-    # Otherwise llvmpipe uses all cores in each process. 0 means the calling thread, because one thread of its own
-    # has a race.
+    # Divide the cores, because llvmpipe would use all of them in each process. 0 lets it render in the calling
+    # thread; 1 is avoided, because llvmpipe has a race with one thread of its own.
     threads = {"LP_NUM_THREADS": str(share if share > 1 else 0)} if count > 1 else {}
     import dask
 
@@ -304,7 +305,7 @@ def _check_encryption(distributed: Any, address: str, scheduler: str) -> None:
 @contextlib.contextmanager
 def quiet(level: int = logging.CRITICAL) -> Any:
     """Context that hides distributed's log messages about broken connections, which are expected here."""
-    # Some of its loggers have their own levels.
+    # Some loggers of distributed have levels of their own.
     names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
     before = {name: logging.getLogger(name).level for name in {"distributed", *names}}
     for name in before:

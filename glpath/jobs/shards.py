@@ -23,7 +23,8 @@ from glpath.film.metadata import FilmMetadata, differences
 
 #: Reason why a film cannot be denoised, printed after its name.
 WITHOUT_GUIDES = f"has no AOVs {' and '.join(DENOISER_AOVS)}, by which pictures are denoised"
-# Metadata that differ between shards with and without these AOVs; a path-buffer is interleaved for the denoiser.
+# Metadata that differ between shards with and without the AOVs for a denoiser. The setting interleave is one of
+# them, because a path-buffer is interleaved for the denoiser.
 _OF_GUIDES = {"aovs", "settings.interleave"}
 
 

@@ -107,7 +107,7 @@ class Watchdog:
             _PROC,
             *(str(int(number)) for number in ENDING),
         ]
-        with contextlib.suppress(OSError):  # no process can be started: no watchdog
+        with contextlib.suppress(OSError):  # without a watchdog if no process can be started
             self._process = subprocess.Popen(
                 [sys.executable, "-I", "-S", "-c", _CODE, *arguments], stdin=subprocess.PIPE, bufsize=0
             )

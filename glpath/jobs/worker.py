@@ -1,4 +1,4 @@
-"""Code of a cluster's worker process: it renders path sets of one render by an engine that it keeps.
+"""Code of a cluster's worker process: it renders path sets of one render, with an engine kept between chunks.
 
 A worker has one context and one render at a time; its threads take turns. Other work that uses shared data frees
 the engine first (`held`).
@@ -93,7 +93,7 @@ def let_go(token: str) -> None:
 
 @contextmanager
 def held(token: str) -> Iterator[Sharable]:
-    """Context with the shared data of a token, for other work than a render, without a render on the device."""
+    """Context with the shared data of a token, for work other than a render. It first frees a render's engine."""
     with _turn:
         forget()
         yield _shared[token]

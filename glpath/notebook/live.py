@@ -1,8 +1,9 @@
-"""Image that converges, and that follows a moving camera; without a widget.
+"""Image that converges and follows a moving camera; `view` has the widget that shows it.
 
 While the camera moves, the image has a half or a quarter of the pixels along each side. As many path sets are
-traced as fit into the time of a frame, but not so few that single shadows are visible. When the camera stops, the
-whole image is traced from its first path set. It replaces the coarse image when it has as many path sets.
+traced as fit into the time of a frame, but at least `_MOVING_SETS`, so that their separate shadows blend. When the
+camera stops, the whole image is traced from its first path set. It replaces the coarse image when it has as many
+path sets.
 """
 
 from __future__ import annotations
@@ -156,7 +157,7 @@ class LiveImage:
         if level.camera is not self.camera:
             level.look_from(self.camera)
         if not level.film.path_sets:
-            level.trace(0.0, 1, self.job.spp)  # compiles
+            level.trace(0.0, 1, self.job.spp)  # the first path set compiles the shaders
             level.trace(seconds, 1, self.job.spp)
         return level.film.mean
 
@@ -193,7 +194,7 @@ class LiveImage:
 
     @property
     def _moving_sets(self) -> int:
-        # Samples of the ray tracers differ only in their position inside the pixel.
+        # One path set suffices for ray tracers, whose samples differ only in their position inside the pixel.
         return min(_MOVING_SETS, self.job.spp) if self.job.integrator.noisy else 1
 
     def _quick_enough(self) -> int:

@@ -10,7 +10,7 @@ from glpath.scene import Camera
 
 _DEGREES_PER_PIXEL = 0.4
 _STEEPEST = 89.0
-# Factor of the distance for one notch of the wheel, which is reported as 100.
+# Factor on the distance to the target for one notch of the mouse wheel.
 _ZOOM_PER_NOTCH = 1.15
 
 

@@ -11,13 +11,16 @@ Float64 = NDArray[np.float64]
 
 
 def box_planes(box: ArrayLike) -> Float64:
-    """Return the (6, 4) planes of a box of six numbers, normals outwards: inside, normal . x + distance <= 0."""
+    """Return the (6, 4) planes of a box (lower corner, upper corner): outward normal and distance.
+
+    Points x inside the box have normal . x + distance <= 0.
+    """
     b = np.asarray(box, float)
     return np.column_stack([np.vstack([-np.eye(3), np.eye(3)]), np.concatenate([b[:3], -b[3:]])])
 
 
 def box_corners(box: ArrayLike) -> Float64:
-    """Return the (8, 3) corners of a box of six numbers."""
+    """Return the (8, 3) corners of a box (lower corner, upper corner)."""
     b = np.asarray(box, float)
     return np.array([[b[x], b[y], b[z]] for x in (0, 3) for y in (1, 4) for z in (2, 5)])
 
@@ -56,7 +59,7 @@ def _face(unit: Float64, i: int) -> Float64:
                 cut.append(p)
         polygon = cut
     corners = np.array(polygon).reshape(-1, 3)
-    # A face that only touches has no area, and the same corner may occur twice.
+    # Drop repeated corners. A plane that only touches the volume then has fewer than three corners, so no face.
     apart = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-7
     corners = corners[apart]
     return corners if len(corners) >= 3 else np.zeros((0, 3))

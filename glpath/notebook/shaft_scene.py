@@ -1,4 +1,4 @@
-"""Figures of the shaft between two shapes and its candidate occluders [SC], for notebooks."""
+"""Figures of the shaft between two shapes and its candidate occluders (shaft culling), for notebooks."""
 
 from __future__ import annotations
 
@@ -29,8 +29,9 @@ class Candidates:
     """Candidates of the shaft between two shapes.
 
     shaft    : shaft between the boxes of the two shapes
-    nodes    : (n,) int32 nodes of the candidate list: polygons, and boxes that stay closed
-    boxes    : (b, 6) boxes that stay closed
+    nodes    : (n,) int32 nodes of the candidate list: leaves (single polygons), and inner nodes that the strategy
+               left unopened (closed boxes)
+    boxes    : (b, 6) bounds of the closed boxes
     polygons : (p,) int32 polygons on the list, single or in closed boxes, without those of the two shapes
     others   : number of polygons in the scene, without those of the two shapes
     """
@@ -86,7 +87,7 @@ class ShaftScene:
         return np.flatnonzero(self.occluders.shape == names.index(shape)).astype(np.int32)
 
     def box_of(self, shape: str) -> Float64:
-        """Return the (6,) box around a shape."""
+        """Return the (6,) bounding box of a shape: lower corner, upper corner."""
         corners = np.concatenate([self.outlines()[i] for i in self.polygons_of(shape)])
         return np.concatenate([corners.min(axis=0), corners.max(axis=0)])
 

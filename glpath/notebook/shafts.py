@@ -1,4 +1,4 @@
-"""Widget for choosing a shaft and viewing its candidate occluders [SC]."""
+"""Widget for choosing a shaft and viewing its candidate occluders (shaft culling)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from glpath.radiosity import Strategy
 
 
 def explore_shafts(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> ShaftExplorer:
-    """Return a widget that shows the shaft between two shapes and its candidate occluders [SC].
+    """Return a widget that shows the shaft between two shapes and its candidate occluders (shaft culling).
 
     The shapes and the strategy can be chosen.
 
@@ -27,7 +27,7 @@ def explore_shafts(scene: AnyScene, parameters: Mapping[str, object] | None = No
     return ShaftExplorer(ShaftScene(load_scene(scene, parameters)))
 
 
-class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
+class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # ipywidgets has no type annotations
     """Widget of `explore_shafts`.
 
     emitter, receiver, strategy, ratio : ipywidgets; set their `value` to view another shaft
@@ -81,4 +81,4 @@ class ShaftExplorer(ipywidgets.VBox):  # type: ignore[misc]  # which has no type
         with io.BytesIO() as file:
             figure.savefig(file, format="png", dpi=90)
             self.picture.value = file.getvalue()
-        self.picture.tooltip = f"Figure of {self._described()}"  # the text alternative
+        self.picture.tooltip = f"Figure of {self._described()}"  # text alternative of the image

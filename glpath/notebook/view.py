@@ -1,4 +1,4 @@
-"""Widget for a scene that rotates with the mouse, its buttons, and its use of threads.
+"""Widget that shows a scene, rotates it with the mouse, and has buttons.
 
 JupyterLab from 4.4 on sends messages of a widget's browser half to a separate kernel thread (a subshell of
 ipykernel 7), so that widgets work while a cell runs. Older versions send them to the main thread, where cells run.
@@ -45,15 +45,15 @@ from glpath.system.private_interfaces import rfb_page
 
 UInt8 = NDArray[np.uint8]
 
-#: Seconds of path sets for the first image, which pages without a kernel keep.
+#: Seconds of rendering for the first image; pages without a kernel show this image.
 _FIRST_SECONDS = 0.5
 #: Seconds between two progress texts.
 _WORD_SECONDS = 0.25
-#: Drag distance of an arrow key in pixels, which is ten degrees.
+#: Drag distance in pixels that one press of an arrow key stands for; it rotates the camera by ten degrees.
 _PIXELS_PER_KEY = 25
 #: Drag direction of the arrow keys: right, down.
 _ARROWS = {"ArrowLeft": (-1, 0), "ArrowRight": (1, 0), "ArrowUp": (0, -1), "ArrowDown": (0, 1)}
-#: Wheel notches by key, with and without Shift as on keyboards.
+#: Wheel notches by key: + and -, and = and _, which many keyboards have on the same keys.
 _NOTCHES = {"+": -1, "=": -1, "-": 1, "_": 1}
 _KEYS_HELP = "Arrow keys turn it, with Shift they shift it; + and - go nearer and back; R resets it."
 _SCRIPT = Path(__file__).with_name("canvas.js")
@@ -116,14 +116,14 @@ def view(
     return View(live, None if asked is None or asked == "auto" else float(asked), tonemap)
 
 
-class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
+class View(ipywidgets.VBox):  # type: ignore[misc]  # ipywidgets has no type annotations
     """Widget that `view` returns.
 
     scene     : scene with the current camera
     film      : current film
     path_sets : number of path sets in the image
     spp       : number of path sets of a converged image
-    converged : True if the image has them
+    converged : True if the image has `spp` path sets
     exposure  : stops; None until the first image determines them
     """
 
@@ -226,7 +226,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
     def handle_event(self, event: Mapping[str, Any]) -> None:
         """Rotate, translate, zoom or reset for an event of jupyter_rfb; called by the widget."""
         with self._lock, self._shown():
-            with suppress(RuntimeError):  # called from elsewhere
+            with suppress(RuntimeError):  # called outside of an event loop
                 self._loop = asyncio.get_running_loop()
             if self._live is not None:
                 self._handle(self._live.camera, event)
@@ -286,8 +286,8 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
     def _redraw(self) -> None:
         """Request a frame, in the event loop that receives browser events."""
         if self._loop is None:
-            return  # the first event comes when the browser shows the widget
-        with suppress(RuntimeError):  # closed: the page was reloaded
+            return  # no browser shows the widget yet, because that sends the first event
+        with suppress(RuntimeError):  # the loop is closed, because the page was reloaded
             self._loop.call_soon_threadsafe(self._canvas.request_draw)
 
     def draw(self) -> None:
@@ -330,7 +330,7 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # which has no types
                 self._show(self._buttons, self._message)
 
 
-class _Canvas(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
+class _Canvas(RemoteFrameBuffer):  # type: ignore[misc]  # jupyter_rfb has no type annotations
     """Image in the browser, with its pointer and key events.
 
     label : description of the image and its keys, for screen readers
@@ -347,7 +347,7 @@ class _Canvas(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
         self.cursor = "grab"
 
     def get_frame(self) -> None:
-        """Draw. The view sends the image itself while it holds its lock."""
+        """Draw the view; return no frame, because the view sends the image itself while it holds its lock."""
         self._owner.draw()
 
     def handle_event(self, event: Mapping[str, Any]) -> None:
@@ -359,8 +359,8 @@ class _Canvas(RemoteFrameBuffer):  # type: ignore[misc]  # which has no types
     def _forget_lost_frames(self) -> None:
         """Reset the frame counters, because a reloaded page shows none of the frames sent to its predecessor.
 
-        Without an acknowledgement, the library sends no further frames. A draw that waited for it in the event loop
-        of the old page counts as requested, so that no other draw is requested.
+        Without the browser's acknowledgement of a frame, the library sends no further frames. A draw that waited in
+        the event loop of the old page still counts as requested, so the library would request no other draw.
         """
         now = time.time()
         self._rfb_draw_requested = False

@@ -52,7 +52,7 @@ class FigureSettings:
             yield
 
     def saved(self, figure: Any) -> bytes:
-        """Return the figure as an image file. If texts are removed, the figure loses them."""
+        """Return the content of an image file of the figure. With `remove_text`, the figure itself loses texts."""
         if self.remove_text:
             without_text(getattr(figure, "figure", figure))
         encoded = io.BytesIO()

@@ -22,6 +22,9 @@ class Gathering:
     records   : one per comparison, see `glpath.pytest_plugin.regression`
     collected : ids of the collected tests by test file
     partly    : test files that were not selected completely, whose baselines may belong to tests that did not run
+    passed    : ids of the tests that passed
+    others    : ids of the tests that failed or were skipped
+    lines     : lines of the summary
     """
 
     def __init__(self, config: pytest.Config) -> None:
@@ -134,7 +137,7 @@ class Gathering:
         A test that did not pass may have ended before its image, so its baselines are not included.
         """
         used = {record["baseline"].rpartition(".")[0] for record in self.records}
-        folders: dict[Path, list[str]] = {}  # folder to names that failed tests may have requested
+        folders: dict[Path, list[str]] = {}  # by folder, start of names that tests that did not pass may have used
         for test_file, ids in self.collected.items():
             used_folders = {baseline_folder(self.config, Path(test_file))}
             used_folders |= {
@@ -144,7 +147,7 @@ class Gathering:
             complete = test_file not in self.partly and set(ids) <= self.passed | self.others
             for folder in used_folders:
                 folders[folder] = unsure if complete else [""]
-        # The folder is named after the test file.
+        # A folder is named after its test file. If that file is missing, all baselines in the folder are unused.
         for test_file in self.collected:
             root = baseline_folder(self.config, Path(test_file)).parent
             for folder in root.iterdir() if root.is_dir() else ():
@@ -152,7 +155,8 @@ class Gathering:
                     folders.setdefault(folder, [])
         found: dict[str, Path] = {}
         for folder, unsure in folders.items():
-            for file in sorted((*folder.glob("*.exr"), *folder.glob("*.png"))):  # .exr before .png
+            # The .exr comes first and stands for the pair, because the .png beside it is for viewing.
+            for file in sorted((*folder.glob("*.exr"), *folder.glob("*.png"))):
                 stem = str(file).rpartition(".")[0]
                 if stem not in used and not any(file.name.startswith(name) for name in unsure):
                     found.setdefault(stem, file)

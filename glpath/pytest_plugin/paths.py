@@ -15,9 +15,9 @@ from glpath.pytest_plugin.settings import chosen, is_from_command_line
 # Maximum length of a name before its suffix, because file systems allow 255 bytes.
 _LONGEST = 120
 
-# Test ids that convert to a file name without loss: classes, then only characters without case. File systems of
-# macOS and Windows do not distinguish Test_a and test_A.
-_PLAIN = r"(\w+\.)*[a-z0-9_]+(\[[a-z0-9_+=][a-z0-9_.+=-]*(?<!-)\])?"  # compiled with the first image
+# Pattern of test ids that convert to a file name without loss: classes, then only characters without case. File
+# systems of macOS and Windows do not distinguish Test_a and test_A. The pattern is compiled with the first image.
+_PLAIN = r"(\w+\.)*[a-z0-9_]+(\[[a-z0-9_+=][a-z0-9_.+=-]*(?<!-)\])?"
 
 
 def baseline_folder(config: pytest.Config, test_file: Path, given: str | None = None) -> Path:
@@ -72,8 +72,8 @@ def id_in_file(nodeid: str) -> str:
 def baseline_name(test: str, name: str = "") -> str:
     """Return the stem of a baseline's file: the test's class, name and parameters, and the image's own name.
 
-    Unsuitable characters become "-". If two tests could get the same name, by this, by shortening, or by capital
-    letters in parameters, a checksum distinguishes them.
+    Unsuitable characters become "-". A checksum is appended if another test could get the same name by this
+    replacement, by shortening, or by capital letters.
     """
     plain = re.sub(r"[^A-Za-z0-9_.=+-]+", "-", test.replace("[", "-").removesuffix("]")).strip("-")
     if not re.fullmatch(_PLAIN, test, re.ASCII) or len(plain) > _LONGEST:

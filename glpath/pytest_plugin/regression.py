@@ -40,7 +40,7 @@ from glpath.pytest_plugin.settings import Settings
 from glpath.pytest_plugin.subjects import Subject, picture_of
 from glpath.system.private_interfaces import is_xfail
 
-# Severity of images that could not be compared, which come first in a report.
+# Severity of images that could not be compared; it puts them first in a report.
 _INCOMPARABLE = 1e9
 
 _MARKER = "render_regression"
@@ -129,7 +129,7 @@ class RenderRegression:
         """Context in which matplotlib uses the style and backend of the marker, or of the run."""
         try:
             settings = self._figure_settings(self._marked(), None, None)
-        except UsageError:  # reported by the call
+        except UsageError:  # the call of the fixture reports the error
             settings = FigureSettings()
         reason = ""
         with contextlib.ExitStack() as until_done:
@@ -267,14 +267,14 @@ class RenderRegression:
         mode: str | None,
         limits: Mapping[str, float],
     ) -> tuple[str, dict[str, float]]:
-        """Return the settings: the call overrides the marker, and the marker the options of the run."""
+        """Return the mode and its limits: the call overrides the marker, and the marker the options of the run."""
         of_the_run = {name: read_limits(name, texts) for name, texts in self._settings.limits.items()}
         known = marked["limits"] if mode is None or marked["mode"] in (None, mode) else {}
         mode = mode or marked["mode"] or self._settings.mode or default_mode(picture, reference)
         return mode, {**of_the_run.get(mode, {}), **known, **limits}
 
     def _fail(self, record: dict[str, Any], results: Path, limits: Mapping[str, float], headline: str) -> NoReturn:
-        """Fail the test with a message for viewing, repeating and accepting the result."""
+        """Fail the test with a message that has the files to view, and commands to repeat and accept the result."""
         __tracebackhide__ = True
         lines = [f"glpath: {headline}"]
         missing = record["outcome"] == "missing"
@@ -400,7 +400,8 @@ def _keep(
 
     compared : both images without ignored parts; images of different sizes are padded with black
 
-    If the system reports an error, the record's summary includes it, because the test fails by the difference.
+    An error of the system is added to the record's summary and not raised, because the test must report the
+    difference.
     """
     files: dict[str, str] = {}
     try:
@@ -432,7 +433,7 @@ def _forget(folder: Path) -> None:
     for kind in ("result", "reference", "difference", "flip"):
         for suffix in (".png", ".exr"):
             (folder / f"{kind}{suffix}").unlink(missing_ok=True)
-    with contextlib.suppress(OSError):  # missing, or with other files
+    with contextlib.suppress(OSError):  # the folder is missing or holds other files
         folder.rmdir()
 
 
@@ -455,5 +456,5 @@ def delete_baseline(file: Path) -> None:
     for path in (file, file.with_suffix(".png")):
         if os.path.exists(path) and is_baseline(path):
             path.unlink()
-    with contextlib.suppress(OSError):  # not empty
+    with contextlib.suppress(OSError):  # the folder is not empty
         file.parent.rmdir()

@@ -103,7 +103,10 @@ def close_figures(figures: list[Any]) -> None:
 
 
 def _has(subject: object, name: str) -> bool:
-    """Return True if it, or the first element of an array such as from plt.subplots(2, 2), has a method."""
+    """Return True if `subject` has a method `name`.
+
+    For an array, such as from plt.subplots(2, 2), its first element decides.
+    """
     first = subject.flat[0] if isinstance(subject, np.ndarray) and subject.size else subject
     return callable(getattr(first, name, None))
 
