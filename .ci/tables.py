@@ -25,15 +25,17 @@ from glpath.gl.variants import VALUES, VARIANTS  # noqa: E402
 from glpath.radiosity.shafts.options import ShaftOptions  # noqa: E402
 from glpath.scene.slab import GLAZING_IOR, Float64, inside_of, slab  # noqa: E402
 
-_ASKED = re.compile(r"^\s*#\s*(?:ifdef|ifndef)\s+(\w+)|defined\s*\(?\s*(\w+)", re.MULTILINE)
+_CONDITION = re.compile(r"^\s*#\s*(?:ifdef|ifndef|if|elif)\b(.*?)(?://|$)", re.MULTILINE)
+_NAME = re.compile(r"^\s+([A-Za-z_]\w*)\s*$|defined\s*\(?\s*(\w+)")
 
 
 def asked_for() -> dict[str, set[str]]:
     """Which shader files ask for each name."""
     found: dict[str, set[str]] = {}
     for path in sorted((ROOT / "shaders").rglob("*.*")):
-        for groups in _ASKED.findall(path.read_text()):
-            found.setdefault(groups[0] or groups[1], set()).add(path.relative_to(ROOT / "shaders").as_posix())
+        for condition in _CONDITION.findall(path.read_text()):
+            for alone, inside in _NAME.findall(condition):
+                found.setdefault(alone or inside, set()).add(path.relative_to(ROOT / "shaders").as_posix())
     return found
 
 
