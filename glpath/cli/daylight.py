@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -21,6 +20,7 @@ from glpath.cli.run_request import OF_DAYLIGHT, RunRequest
 from glpath.cli.running import workers_of
 from glpath.cli.scene import HELP, Parameters, read_scene
 from glpath.cli.signals import exit_code, result_of
+from glpath.cli.typed import typed_command
 from glpath.cli.values import check_choice, shard_of, vector
 from glpath.errors import UsageError
 from glpath.io.completed import aside
@@ -63,6 +63,7 @@ def register(app: typer.Typer) -> None:
 
 
 def daylight(
+    context: typer.Context,
     scene: Annotated[
         str,
         typer.Argument(
@@ -273,13 +274,13 @@ def daylight(
         if texels is not None:
             # With blinds, too, of the scene without.
             faces = texels.of(loaded) if of_texels is None else of_texels
-            found = _computed(loaded, Points(faces.points, faces.normals), options, beside, run)
+            found = _computed(context, loaded, Points(faces.points, faces.normals), options, beside, run)
             first = 0 if found.shard is None else found.shard.first
             return replace(found, texels=faces[first : first + len(found)])
         assert points is not None, "asked above"
         at = read_points(points, vector("--normal", normal))
         check_within(at, loaded, f"--points {points}")
-        return _computed(loaded, at, options, beside, run)
+        return _computed(context, loaded, at, options, beside, run)
 
     if from_file and year is None and not shown:
         raise UsageError(f"{scene}: has coefficients already.", "Give --weather, for a year.")
@@ -310,7 +311,7 @@ def daylight(
 
 
 def _computed(
-    scene: Scene, at: Points, options: dict[str, Any], beside: Path, run: RunRequest
+    context: typer.Context, scene: Scene, at: Points, options: dict[str, Any], beside: Path, run: RunRequest
 ) -> DaylightCoefficients:
     """Return the daylight coefficients. Raises typer.Exit if interrupted, after it has reported what is saved."""
     from glpath.daylight.kept_words import kept_beside
@@ -340,7 +341,7 @@ def _computed(
         kept = f"what is done is in {part}" if part else "nothing is kept; --resume keeps what is done"
         say(f"glpath: interrupted: {kept}", err=True)
         if part is not None:
-            say(f"  to resume: {shlex.join(sys.argv)}", err=True)
+            say(f"  to resume: {typed_command(context)}", err=True)
         raise typer.Exit(exit_code()) from stop
 
 

@@ -16,7 +16,7 @@ from types import FrameType
 from typing import TypeVar
 
 from glpath.system.report_pipe import write_report
-from glpath.system.signals import REPEATED, TERMINATING
+from glpath.system.signals import RECORDS, REPEATED, TERMINATING, SignalRecord
 
 T = TypeVar("T")
 
@@ -28,18 +28,17 @@ RESUME_LATER = 75
 _PATIENCE = 3
 
 
-class _Signals:
+class _Signals(SignalRecord):
     """State of signal handling during one command."""
 
     def __init__(self) -> None:
-        self.first: int | None = None
         self.held = False
         self.resumable = False
         self._waiting = 0
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         again = self.first is not None
-        self.first = self.first if again else number
+        self.record(number)
         if not self.held:
             self.held = True
             raise KeyboardInterrupt
@@ -73,9 +72,11 @@ def signals_wait_for_results() -> Iterator[None]:
         before[signal.SIGINT] = on_interrupt
     for number in before:
         signal.signal(number, _current)
+    RECORDS.append(_current)
     try:
         yield
     finally:
+        RECORDS.pop()
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
@@ -94,7 +95,8 @@ def release() -> None:
 
 def interrupted(number: int = signal.SIGINT) -> None:
     """Record a signal that other code handled by returning a partial result."""
-    _current.first, _current.held = number if _current.first is None else _current.first, True
+    _current.record(number)
+    _current.held = True
 
 
 def arrived() -> bool:
