@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import glpath
-from glpath.cli.signals import signals_wait_for_results
+from glpath.cli.signals import hold, interrupted, signals_wait_for_results
 from glpath.film.film import Film
 from glpath.rendering import interrupts
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
@@ -230,3 +230,58 @@ def test_signal_after_the_last_check_of_a_flag_ends_the_next_computation() -> No
             signal.raise_signal(signal.SIGTERM)
         with interrupt_as_flag() as flag:
             assert (bool(flag), flag.signal) == (True, signal.SIGTERM)
+
+
+class Solution:
+    """Solution that is saved as an empty file."""
+
+    def save(self, path: Path) -> None:
+        path.touch()
+
+
+@pytest.mark.parametrize("whole", [True, False])
+@pytest.mark.usefixtures("default_sigterm")
+def test_solution_is_rescued_if_its_checkpoint_cannot_be_written(
+    whole: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def struck(scene: object, options: dict[str, Any], mode: str) -> Solution:
+        def save(path: Path) -> None:
+            if path == options["checkpoint"].path:
+                raise glpath.ImageError(f"{path}: cannot be written: No space left on device.")
+            path.write_text("the solver's state")
+
+        options["checkpoint"].written_by(save, 1)
+        interrupted(signal.SIGTERM)
+        if whole:
+            options["checkpoint"].written_by(save, 2, last=True)
+        return Solution()
+
+    monkeypatch.setattr("glpath.cli.radiosity._solve", struck)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "--checkpoint", "1h")
+    (rescued,) = tmp_path.glob("glpath-*/*")
+    assert rescued.name == ("s.checkpoint.npz" if whole else "solution.npz")
+    assert (done.exit_code, f"is kept in {rescued};" in done.stderr) == (1, True), done.stderr
+    assert f"glpath: error: {tmp_path / 's.checkpoint.npz'}: cannot be written: No space" in done.stderr
+
+
+@pytest.mark.parametrize(("resume", "code"), [(["--resume"], 75), ([], 130)])
+@pytest.mark.usefixtures("default_sigterm")
+def test_check_of_a_saved_solution_ends_at_a_signal(
+    resume: list[str], code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def solve(scene: object, options: dict[str, Any], mode: str) -> Solution:
+        hold()
+        if resume:
+            options["checkpoint"].path.touch()
+        return Solution()
+
+    def struck(*_: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+        raise AssertionError("the signal ends it")
+
+    monkeypatch.setattr("glpath.cli.radiosity._solve", solve)
+    monkeypatch.setattr("glpath.rendering.element_error", struck)
+    done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "-q", "--check", *resume)
+    assert (done.exit_code, "saving" in done.stderr) == (code, False), done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["s.checkpoint.npz"] * bool(resume) + ["s.npz"]
