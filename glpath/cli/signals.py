@@ -8,9 +8,10 @@ that the parent process ignores stays ignored, as SIGHUP under nohup.
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import TypeVar
@@ -57,17 +58,45 @@ class _Signals(SignalRecord):
 _current = _Signals()
 
 
+def asks_to_resume(words: Iterable[str]) -> bool:
+    """Return True if a command line has an option with which a scheduler may start the command again.
+
+    The words are known before the modules of the command are loaded, which takes longer than some schedulers wait.
+    """
+    return any(word.partition("=")[0] in ("--checkpoint", "--resume") for word in words)
+
+
+def resume_later_while_loading() -> None:
+    """Let a scheduler's signal end the process with `RESUME_LATER` until `signals_wait_for_results`."""
+    for number in TERMINATING:
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, _end_while_loading)
+
+
+def _end_while_loading(number: int, frame: FrameType | None) -> None:
+    with contextlib.suppress(OSError):
+        write_report(2, b"glpath: ended by a signal before anything was done; start it again\n")
+    os._exit(RESUME_LATER)
+
+
 @contextmanager
-def signals_wait_for_results() -> Iterator[None]:
-    """Let signals wait for results within the block. Without effect outside the main thread."""
+def signals_wait_for_results(resumable: bool = False) -> Iterator[None]:
+    """Let signals wait for results within the block. Without effect outside the main thread.
+
+    resumable : True if the exit code after a scheduler's signal is `RESUME_LATER`, as after `resume_later`
+    """
     global _current
     _current = _Signals()
+    _current.resumable = resumable
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     # A shell starts background jobs with SIGINT ignored, and nohup its command with SIGHUP; so they stay.
     before = {number: signal.getsignal(number) for number in TERMINATING}
     before = {number: handler for number, handler in before.items() if handler is not signal.SIG_IGN}
+    for number, handler in before.items():
+        if handler is _end_while_loading:
+            before[number] = signal.SIG_DFL  # after the block all is done
     if callable(on_interrupt := signal.getsignal(signal.SIGINT)):
         before[signal.SIGINT] = on_interrupt
     for number in before:

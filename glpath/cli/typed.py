@@ -28,13 +28,19 @@ def as_typed(text: str) -> str:
 
 
 def remember_words(context: Any, words: list[str]) -> None:
-    """Store the typed words of a program in its context, for `typed_command`."""
+    """Store the typed words of a program in its context, for `typed_words`."""
     context.meta[_WORDS] = words
+
+
+def typed_words(context: Any) -> list[str]:
+    """Return the words after the program's name as they were typed."""
+    words: list[str] = context.meta[_WORDS]
+    return words
 
 
 def typed_command(context: Any) -> str:
     """Return the command as it was typed, quoted for a shell, such as "glpath daylight a.glb -o 'a b.npz'"."""
-    return shlex.join(["glpath", *context.meta[_WORDS]])
+    return shlex.join(["glpath", *typed_words(context)])
 
 
 def _option(argument: re.Match[str]) -> str:
