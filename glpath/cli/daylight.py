@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
+import os
 import sys
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -20,7 +21,8 @@ from glpath.cli.options import with_options
 from glpath.cli.run_request import OF_DAYLIGHT, RunRequest
 from glpath.cli.running import workers_of
 from glpath.cli.scene import HELP, Parameters, read_scene
-from glpath.cli.signals import exit_code, result_of
+from glpath.cli.signals import exit_code, release, result_of
+from glpath.cli.typed import typed_command
 from glpath.cli.values import check_choice, shard_of, vector
 from glpath.errors import UsageError
 from glpath.io.completed import aside
@@ -31,6 +33,7 @@ from glpath.system.terminal import say
 
 if TYPE_CHECKING:
     from glpath.cli.point_files import Points
+    from glpath.daylight.checkpoint import DaylightCheckpoint
     from glpath.daylight.coefficients import DaylightCoefficients
     from glpath.daylight.compute import DaylightProgress
     from glpath.daylight.receivers import Receiver
@@ -63,6 +66,7 @@ def register(app: typer.Typer) -> None:
 
 
 def daylight(
+    context: typer.Context,
     scene: Annotated[
         str,
         typer.Argument(
@@ -254,6 +258,22 @@ def daylight(
     if shard is not None and year is not None:
         raise UsageError("--shard: a part of the sensors has no sDA.", "Merge the shards, then give --weather.")
 
+    def computed(loaded: Scene, at: Points, beside: Path) -> DaylightCoefficients:
+        from glpath.daylight.checkpoint import DaylightCheckpoint
+        from glpath.daylight.kept_words import kept_beside
+
+        if run.resume:
+            checkpoints.append(held.enter_context(DaylightCheckpoint(kept_beside(beside))))
+        try:
+            return _computed(loaded, at, options, checkpoints[-1] if checkpoints else None, run)
+        except KeyboardInterrupt as stop:
+            parts = " and ".join(str(each.path) for each in checkpoints if os.path.exists(each.path))
+            kept = "nothing was done yet" if run.resume else "nothing is kept; --resume keeps what is done"
+            say(f"glpath: interrupted: {f'what is done is in {parts}' if parts else kept}", err=True)
+            if run.resume:
+                say(f"  to resume: {typed_command(context)}", err=True)
+            raise typer.Exit(exit_code()) from stop
+
     def coefficients_of(which: str, beside: Path) -> DaylightCoefficients:
         if which.lower().endswith(".npz"):
             from glpath.daylight.coefficients import DaylightCoefficients
@@ -273,35 +293,40 @@ def daylight(
         if texels is not None:
             # A scene with closed blinds gets the texels of the scene without blinds, so that sensors are the same.
             faces = texels.of(loaded) if of_texels is None else of_texels
-            found = _computed(loaded, Points(faces.points, faces.normals), options, beside, run)
+            found = computed(loaded, Points(faces.points, faces.normals), beside)
             first = 0 if found.shard is None else found.shard.first
             return replace(found, texels=faces[first : first + len(found)])
         assert points is not None, "asked above"
         at = read_points(points, vector("--normal", normal))
         check_within(at, loaded, f"--points {points}")
-        return _computed(loaded, at, options, beside, run)
+        return computed(loaded, at, beside)
 
     if from_file and year is None and not shown:
         raise UsageError(f"{scene}: has coefficients already.", "Give --weather, for a year.")
     if points is not None and str(points) == "-" and blinds is not None:
         raise UsageError("--points -: is read once, but --blinds needs the sensors again.", "Give a file.")
     of_texels: Texels | None = None
-    found = coefficients_of(scene, saved)
-    of_texels = found.texels
-    rescue: dict[str, Save] = {"daylight.npz": found.save}
-    targets: dict[Path, Save] = {path: found.save for path in out if path.suffix.lower() == ".npz"}
-    lines = list(_summary(found))
-    of_year = None
-    if year is not None:
-        names = [saved.with_suffix(f".blinds{number or ''}.npz") for number in range(len(blinds or ()))]
-        closed = [coefficients_of(group, name) for group, name in zip(blinds or (), names, strict=True)]
-        of_year = year.of(found, closed)
-        targets |= {path: year.save_as(of_year) for path in others if path not in targets}
-        lines += year_summary(of_year)
-    targets |= saves_shown(shown, found, of_year, show)
-    _, failure = save_all(targets, rescue, "The coefficients are kept in {}.")
-    if failure is not None:
-        raise failure
+    checkpoints: list[DaylightCheckpoint] = []
+    # Each checkpoint stays, and stays locked, until all outputs are saved, because a later step may fail.
+    with ExitStack() as held:
+        found = coefficients_of(scene, saved)
+        of_texels = found.texels
+        rescue: dict[str, Save] = {"daylight.npz": found.save}
+        targets: dict[Path, Save] = {path: found.save for path in out if path.suffix.lower() == ".npz"}
+        lines = list(_summary(found))
+        of_year = None
+        if year is not None:
+            names = [saved.with_suffix(f".blinds{number or ''}.npz") for number in range(len(blinds or ()))]
+            closed = [coefficients_of(group, name) for group, name in zip(blinds or (), names, strict=True)]
+            of_year = year.of(found, closed)
+            targets |= {path: year.save_as(of_year) for path in others if path not in targets}
+            lines += year_summary(of_year)
+        targets |= saves_shown(shown, found, of_year, show)
+        _, failure = save_all(targets, rescue, "The coefficients are kept in {}.")
+        if failure is not None:
+            raise failure
+        for checkpoint in checkpoints:
+            checkpoint.remove()
     if run.talks:
         for line in lines:
             say(line, err=True)
@@ -310,15 +335,9 @@ def daylight(
 
 
 def _computed(
-    scene: Scene, at: Points, options: dict[str, Any], beside: Path, run: RunRequest
+    scene: Scene, at: Points, options: dict[str, Any], checkpoint: DaylightCheckpoint | None, run: RunRequest
 ) -> DaylightCoefficients:
-    """Return the daylight coefficients. If interrupted, report what is saved and raise typer.Exit.
-
-    beside : output file; with --resume, a checkpoint is kept beside this file
-    """
-    from glpath.daylight.kept_words import kept_beside
-
-    part = kept_beside(beside) if run.resume else None
+    """Return the daylight coefficients, after which signals wait until all is saved. Raises KeyboardInterrupt."""
 
     def compute() -> DaylightCoefficients:
         from glpath.daylight.compute import daylight_coefficients
@@ -329,7 +348,7 @@ def _computed(
                 at.points,
                 at.normals,
                 **options,
-                resume=part,
+                resume=checkpoint,
                 cluster=workers,
                 on_progress=report,
                 backend=run.backend,
@@ -337,14 +356,8 @@ def _computed(
                 require_gpu=run.require_gpu,
             )
 
-    try:
-        return result_of(compute)
-    except KeyboardInterrupt as stop:
-        kept = f"what is done is in {part}" if part else "nothing is kept; --resume keeps what is done"
-        say(f"glpath: interrupted: {kept}", err=True)
-        if part is not None:
-            say(f"  to resume: {shlex.join(sys.argv)}", err=True)
-        raise typer.Exit(exit_code()) from stop
+    release()  # signals that waited since an earlier computation
+    return result_of(compute)
 
 
 def _summary(found: DaylightCoefficients) -> Iterator[str]:

@@ -28,8 +28,16 @@ from glpath.cli.commands import COMMANDS
 from glpath.cli.help import flags_without_a_type
 from glpath.cli.on_demand import CommandsOnDemand, Part, as_written
 from glpath.cli.plain_values import spare_conversions
-from glpath.cli.signals import INTERRUPTED, arrived, exit_code, signals_wait_for_results
-from glpath.cli.typed import as_typed
+from glpath.cli.signals import (
+    INTERRUPTED,
+    RESUME_LATER,
+    arrived,
+    asks_to_resume,
+    exit_code,
+    forget,
+    signals_wait_for_results,
+)
+from glpath.cli.typed import as_typed, remember_words, typed_words
 from glpath.errors import GlpathError, SceneWarning, UsageError, warning_scope
 from glpath.system.terminal import CleanHandler, report_stream, say, shortened
 from glpath.system.time_limit import command_clock
@@ -62,19 +70,25 @@ class Commands(TyperGroup):
         finally:
             self.commands = commands
 
-    def make_context(self, *given: Any, **more: Any) -> Any:
+    def make_context(self, info_name: str | None, args: list[str], *given: Any, **more: Any) -> Any:
+        words = list(args)  # the parser removes what it has read
         with _wrong_usage_as_lines():
-            return super().make_context(*given, **more)
+            context = super().make_context(info_name, args, *given, **more)
+        remember_words(context, words)
+        return context
 
     def invoke(self, ctx: Any) -> Any:
         with _wrong_usage_as_lines():
             return self._invoke(ctx)
 
     def _invoke(self, ctx: Any) -> Any:
-        with _warnings_and_logs_as_lines(), signals_wait_for_results(), warning_scope(strict=False) as scope:
+        signals = signals_wait_for_results(asks_to_resume(typed_words(ctx)))
+        with _warnings_and_logs_as_lines(), signals, warning_scope(strict=False) as scope:
             try:
                 done = super().invoke(ctx)
                 scope.raise_late()
+                if arrived() and exit_code() == RESUME_LATER:
+                    forget()  # nothing is left to resume
                 if arrived():
                     say("glpath: interrupted: all was done and is written", err=True)
                     raise typer.Exit(INTERRUPTED)

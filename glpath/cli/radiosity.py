@@ -17,12 +17,21 @@ from glpath.cli.options import with_options
 from glpath.cli.run_request import OF_SOLVERS, RunRequest
 from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
 from glpath.cli.scene_options import OF_LIGHT, with_scene_options
-from glpath.cli.signals import INTERRUPTED, RESUME_LATER, arrived, by_scheduler, interrupted, result_of
+from glpath.cli.signals import (
+    RESUME_LATER,
+    arrived,
+    by_scheduler,
+    exit_code,
+    forget,
+    interrupted,
+    release,
+    result_of,
+)
 from glpath.cli.unattended import SOLVING, check_absent, left_in, watched
 from glpath.errors import ImageError, UsageError
 from glpath.film.choices import TIME_LIMIT
 from glpath.io.completed import aside
-from glpath.system.files import check_outputs, check_separate, check_writable, save_all
+from glpath.system.files import check_outputs, check_separate, check_writable, rescued, save_all
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
@@ -37,6 +46,7 @@ if TYPE_CHECKING:
     from glpath.scene import Scene
 
 _MESH, _SOLVER = "Mesh", "Solver"
+_RESCUE = "The solution is kept in {}; --radiosity of render and radiosity takes it."
 
 Patches = Annotated[
     int | None,
@@ -199,19 +209,25 @@ def radiosity(
         lift_limit()
         if checkpoint is not None and by_scheduler():
             if checkpoint.failure is not None:
-                raise ImageError(checkpoint.failure)
+                rescue = checkpoint.rescue
+                if solution is not None and not rescue:  # a step was changing the state, or all is solved
+                    rescue = rescued({"solution.npz": solution.save}, _RESCUE)
+                raise ImageError(checkpoint.failure, rescue)
             say(f"glpath: ended by a signal: --resume continues from {checkpoint.path}", err=True)
             raise typer.Exit(RESUME_LATER)
         if solution is not None:
             _save(solution, loaded, out, exposure)
-        if checkpoint is not None and not arrived():
-            checkpoint.remove()
-    _end(solution, out, loaded, not run.talks, solved=radiosity is None)
-    if check and solution is not None:
-        from glpath.rendering import element_error
+        if checkpoint is not None and by_scheduler() and not check:
+            forget()  # nothing is left to resume
+        _end(solution, out, loaded, not run.talks, solved=radiosity is None)
+        if check and solution is not None:
+            from glpath.rendering import element_error
 
-        found = result_of(lambda: element_error(loaded, solution))
-        say(json.dumps(found.recorded()) if run.progress == "json" else str(found), err=True)
+            release()  # the solution is saved
+            found = result_of(lambda: element_error(loaded, solution))
+            say(json.dumps(found.recorded()) if run.progress == "json" else str(found), err=True)
+        if checkpoint is not None:
+            checkpoint.remove()
 
 
 def _checkpoint(out: Sequence[Path], run: RunRequest) -> SolverCheckpoint | None:
@@ -288,8 +304,7 @@ def _save(solution: RadiositySolution, scene: Scene, out: list[Path], exposure: 
         else:
             solution.save(path)
 
-    kept = "The solution is kept in {}; --radiosity of render and radiosity takes it."
-    _, failure = save_all(dict.fromkeys(out, save_to), {"solution.npz": solution.save}, kept)
+    _, failure = save_all(dict.fromkeys(out, save_to), {"solution.npz": solution.save}, _RESCUE)
     if failure is not None:
         raise failure
 
@@ -306,7 +321,7 @@ def _end(solution: RadiositySolution | None, out: list[Path], scene: Scene, quie
             "nothing was solved yet; nothing is written" if solution is None else f"what was solved is in {names}"
         )
         say(f"glpath: interrupted: {left}", err=True)
-        raise typer.Exit(INTERRUPTED)
+        raise typer.Exit(exit_code())
 
 
 def _summary(solution: RadiositySolution) -> Iterator[str]:

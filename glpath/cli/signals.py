@@ -8,15 +8,16 @@ without saving. A signal that was ignored when the process started stays ignored
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import TypeVar
 
 from glpath.system.report_pipe import write_report
-from glpath.system.signals import REPEATED, TERMINATING
+from glpath.system.signals import RECORDS, REPEATED, TERMINATING, SignalRecord
 
 T = TypeVar("T")
 
@@ -28,18 +29,17 @@ RESUME_LATER = 75
 _PATIENCE = 3
 
 
-class _Signals:
+class _Signals(SignalRecord):
     """State of signal handling during one command."""
 
     def __init__(self) -> None:
-        self.first: int | None = None
         self.held = False
         self.resumable = False
         self._waiting = 0
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         again = self.first is not None
-        self.first = self.first if again else number
+        self.record(number)
         if not self.held:
             self.held = True
             raise KeyboardInterrupt
@@ -58,24 +58,54 @@ class _Signals:
 _current = _Signals()
 
 
+def asks_to_resume(words: Iterable[str]) -> bool:
+    """Return True if a command line has an option with which a scheduler may start the command again.
+
+    The words are known before the modules of the command are loaded, which takes longer than some schedulers wait.
+    """
+    return any(word.partition("=")[0] in ("--checkpoint", "--resume") for word in words)
+
+
+def resume_later_while_loading() -> None:
+    """Let a scheduler's signal end the process with `RESUME_LATER` until `signals_wait_for_results`."""
+    for number in TERMINATING:
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, _end_while_loading)
+
+
+def _end_while_loading(number: int, frame: FrameType | None) -> None:
+    with contextlib.suppress(OSError):
+        write_report(2, b"glpath: ended by a signal before anything was done; start it again\n")
+    os._exit(RESUME_LATER)
+
+
 @contextmanager
-def signals_wait_for_results() -> Iterator[None]:
-    """Let signals wait for results within the block. Without effect outside the main thread."""
+def signals_wait_for_results(resumable: bool = False) -> Iterator[None]:
+    """Let signals wait for results within the block. Without effect outside the main thread.
+
+    resumable : True if the exit code after a scheduler's signal is `RESUME_LATER`, as after `resume_later`
+    """
     global _current
     _current = _Signals()
+    _current.resumable = resumable
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     # Signals ignored at the start stay ignored: SIGINT in background jobs of a shell, SIGHUP under nohup.
     before = {number: signal.getsignal(number) for number in TERMINATING}
     before = {number: handler for number, handler in before.items() if handler is not signal.SIG_IGN}
+    for number, handler in before.items():
+        if handler is _end_while_loading:
+            before[number] = signal.SIG_DFL  # after the block all is done
     if callable(on_interrupt := signal.getsignal(signal.SIGINT)):
         before[signal.SIGINT] = on_interrupt
     for number in before:
         signal.signal(number, _current)
+    RECORDS.append(_current)
     try:
         yield
     finally:
+        RECORDS.pop()
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
@@ -94,7 +124,8 @@ def release() -> None:
 
 def interrupted(number: int = signal.SIGINT) -> None:
     """Record a signal that other code handled by returning a partial result."""
-    _current.first, _current.held = number if _current.first is None else _current.first, True
+    _current.record(number)
+    _current.held = True
 
 
 def arrived() -> bool:

@@ -1,11 +1,16 @@
-"""Translation of errors and warnings to the command line's notation.
+"""Messages in the command line's notation: Python arguments as options, and the command as it was typed.
 
-Messages are worded for Python, `integrator="path"`; a user of the command line types --integrator path.
+Errors and warnings are worded for Python, `integrator="path"`; a user of the command line types --integrator path.
 """
 
 from __future__ import annotations
 
 import re
+import shlex
+from typing import Any
+
+# Key of the typed words in the data that a command's context shares with the contexts above it.
+_WORDS = "glpath.words"
 
 # Names of command options that are not options of integrators.
 _OF_COMMANDS = (
@@ -20,6 +25,22 @@ _ARGUMENT = re.compile(r"""\b([a-z_]+)=("[^"]*"(?:(?:, | or )"[^"]*")*|\([^()]*\
 def as_typed(text: str) -> str:
     """Replace Python arguments in `text` by command-line options: require_gpu=True by --require-gpu."""
     return _ARGUMENT.sub(_option, text)
+
+
+def remember_words(context: Any, words: list[str]) -> None:
+    """Store the typed words of a program in its context, for `typed_words`."""
+    context.meta[_WORDS] = words
+
+
+def typed_words(context: Any) -> list[str]:
+    """Return the words after the program's name as they were typed."""
+    words: list[str] = context.meta[_WORDS]
+    return words
+
+
+def typed_command(context: Any) -> str:
+    """Return the command as it was typed, quoted for a shell, such as "glpath daylight a.glb -o 'a b.npz'"."""
+    return shlex.join(["glpath", *typed_words(context)])
 
 
 def _option(argument: re.Match[str]) -> str:

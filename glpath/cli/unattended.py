@@ -63,7 +63,7 @@ def keep_after_failure(checkpoint: Checkpoint | None, error: Exception) -> None:
     film = None if checkpoint is None else checkpoint.film
     if checkpoint is None or film is None or not film.path_sets:
         return
-    if checkpoint.write(film) and isinstance(error, GlpathError):
+    if checkpoint.write(film, last=True) and isinstance(error, GlpathError):
         kept = f"{film.path_sets} path sets are in {checkpoint.path}; the same command with --resume continues."
         error.remedy = f"{error.remedy}\n{kept}".strip()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ from glpath.cli.options import with_options
 from glpath.cli.run_request import OF_MATRICES, RunRequest
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import exit_code, result_of
+from glpath.cli.typed import typed_command
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError
 from glpath.system.files import check_outputs, is_stream, rescued, save_all, short_name
@@ -51,6 +51,7 @@ def register(app: typer.Typer) -> None:
 
 
 def viewfactors(
+    context: typer.Context,
     scene: SceneArgument,
     out: Annotated[
         list[Path],
@@ -128,11 +129,7 @@ def viewfactors(
     except KeyboardInterrupt as stop:
         say(f"glpath: interrupted: {_kept(part)}", err=True)
         if part is not None:
-            options = {"--groups": groups, "--enforce": enforce, "--error": f"{error:g}"}
-            words = [*(word for path in out for word in ("-o", str(path)))]
-            words += [word for name, value in options.items() if value is not None for word in (name, value)]
-            words += [word for value in parameters or () for word in ("-D", value)] + ["--flip"] * flip
-            say(f"  to resume: {shlex.join(['glpath', 'viewfactors', str(scene), *words, '--resume'])}", err=True)
+            say(f"  to resume: {typed_command(context)}", err=True)
         raise typer.Exit(exit_code()) from stop
     rescue, kept = {"viewfactors.npz": found.save}, "The matrix is kept in {}."
     if wanted:

@@ -78,7 +78,7 @@ def computed_by(
     """Return the result of `daylight_coefficients`, computed by the workers of a cluster.
 
     work   : digest of the computation, as in `Shard`
-    resume : folder for finished shards, from which another call resumes
+    resume : folder for finished shards, from which another call resumes; the caller locks and removes it
     report : called with the number of finished shards and their total
 
     Raises the errors of `daylight_coefficients`, and ContextError if a shard fails on several workers or the
@@ -96,12 +96,14 @@ def computed_by(
         for number, part in shards.come():
             found[number] = part
             if kept is not None:
-                kept.keep(number, part)
+                kept.keep(found)
             report(len(found), count)
+    except BaseException:
+        if kept is not None:
+            kept.keep(found, last=True)
+        raise
     finally:
         shards.cancel()
-    if kept is not None:
-        kept.remove()
     return together([found[number] for number in sorted(found)])
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +25,7 @@ from glpath.daylight.bounces import (
     Reflections,
     gathered,
 )
+from glpath.daylight.checkpoint import DaylightCheckpoint
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.compass import Compass
 from glpath.daylight.kept_words import KeptPass, KeptWords
@@ -103,7 +104,7 @@ def daylight_coefficients(
     north: ArrayLike | None = None,
     seed: int = 0,
     shard: tuple[int, int] | None = None,
-    resume: str | Path | None = None,
+    resume: str | Path | DaylightCheckpoint | None = None,
     cluster: Connection | None = None,
     on_progress: Callable[[DaylightProgress], None] | None = None,
     parameters: Mapping[str, object] | None = None,
@@ -141,7 +142,7 @@ def daylight_coefficients(
                   shards into a result that is bit-identical to one computation
     resume      : checkpoint file, from which another call with the same sensors and directions resumes. It is
                   written after each word of directions, or every half minute with a stream, and removed at the end.
-                  With a cluster it is a folder of shards
+                  With a cluster it is a folder of shards. A `DaylightCheckpoint` is left to its owner to remove
     cluster     : workers that share the sensors (`glpath.jobs.cluster.Cluster`); the result is bit-identical
     on_progress : called after each word of 32 directions, or part of a stream, with a `DaylightProgress`
     backend, device, require_gpu : see `glpath.gl.context.open_context`
@@ -201,6 +202,7 @@ def daylight_coefficients(
     sun = np.zeros((0, 3)) if latitude is None else SunBins.of(latitude, compass, suns).directions
     shared = _Shared.of(patches, compass, samples, seed, sun)
     directions = shared.directions
+    checkpoint = DaylightCheckpoint(Path(resume)) if isinstance(resume, str | Path) else resume
     part, first_sensor, every_sensor = None, 0, (positions, facing)
     if shard is not None or cluster is not None:
         settings = (max_depth, elements, gather_rays, seed) if reflects else ()
@@ -233,7 +235,12 @@ def daylight_coefficients(
                 since = time.perf_counter() - started
                 on_progress(DaylightProgress("shards", done, count, len(positions), since))
 
-        return computed_by(cluster, loaded, positions, facing, of_each, work, resume, shards_done)
+        with checkpoint or nullcontext():
+            folder = None if checkpoint is None else checkpoint.path
+            merged = computed_by(cluster, loaded, positions, facing, of_each, work, folder, shards_done)
+            if checkpoint is not None and checkpoint is not resume:
+                checkpoint.remove()
+        return merged
     if shard is not None:
         first_sensor, end = shard_range(shard, len(positions))
         part = Shard(first_sensor, len(positions), work)
@@ -247,9 +254,9 @@ def daylight_coefficients(
 
     with ExitStack() as held:
         kept: KeptWords | KeptPass | None = None
-        if resume is not None:
-            kept = KeptPass.of(Path(resume)) if loaded.shapes.streams else KeptWords(Path(resume))
-            held.enter_context(kept)
+        if checkpoint is not None:
+            held.enter_context(checkpoint)
+            kept = KeptPass.of(checkpoint.path) if loaded.shapes.streams else KeptWords(checkpoint.path)
         context = open_context(backend, device, require_gpu)
         held.enter_context(context.rendering())
         held.enter_context(context)
@@ -310,8 +317,8 @@ def daylight_coefficients(
                 sides, reflections, on_sides, few.columns, *sensors, gather_rays, seed, gathering, first_sensor
             )
             total = replace(direct, indirect=replace(indirect, bias=bias))
-        if kept is not None:
-            kept.remove()
+        if checkpoint is not None and checkpoint is not resume:
+            checkpoint.remove()
     return total
 
 
@@ -411,9 +418,9 @@ def _words(
         found[done] = seen.word
         if shares is not None and seen.share is not None:
             shares[done] = seen.share
-        if kept is not None:
-            kept.append(seen)
         done += 1
+        if kept is not None:
+            kept.keep(done, found, shares, last=bool(flag))
         report(min(WORD * done, len(directions)))
         if flag:
             raise KeyboardInterrupt
@@ -437,7 +444,7 @@ def _words_of_pass(
         found = resident if found is None else found
     for seen in rays.pass_over(directions, found, done):
         if kept is not None and (flag or kept.due(seen)):
-            kept.keep(seen, found)
+            kept.keep(seen, found, last=bool(flag))
         report(seen)
         if flag:
             raise KeyboardInterrupt

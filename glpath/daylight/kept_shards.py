@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.errors import ImageError
+from glpath.system.checkpoint import CheckpointFile
+from glpath.system.files import real_path, reason_of, remove_parts
 
 _NAME = re.compile(r"([0-9]+)-of-([0-9]+)\.npz")
+# Name of a shard while it is written, see `glpath.system.files.new_file`.
+_PART_NAME = re.compile(r"\.([0-9]+-of-[0-9]+)\.[0-9a-f]{8}\.part\.npz")
+
+
+class _ShardFile(CheckpointFile):
+    """File of a finished shard."""
+
+    work = "the computation"
 
 
 class KeptShards:
@@ -19,7 +30,8 @@ class KeptShards:
     work  : identifier of the computation, as in `Shard`; shards of another computation have a different one
     count : number of shards; if the folder already has shards, the number in their names replaces it
 
-    Raises ImageError if the path is not a folder.
+    Raises ImageError if the path is not a folder, or if the folder has other files, because it is removed at the
+    end.
     """
 
     def __init__(self, folder: Path, work: str, count: int) -> None:
@@ -30,11 +42,20 @@ class KeptShards:
             )
         self._folder, self._work = folder, work
         self._files: dict[int, Path] = {}
-        for path in sorted(folder.glob("*.npz")) if os.path.isdir(folder) else []:
+        self._reasons: set[str] = set()
+        for path in _content(folder):
+            if (part := _PART_NAME.fullmatch(path.name)) is not None:
+                remove_parts(folder / f"{part[1]}.npz")
+                continue
             match = _NAME.fullmatch(path.name)
-            if match is not None:
-                number, count = map(int, match.groups())
-                self._files[number] = path
+            if match is None or (self._files and int(match[2]) != count):
+                wanted = f"K-of-{count}.npz" if self._files else "K-of-N.npz"
+                raise ImageError(
+                    f"{folder}: has {path.name}; the folder of a cluster's shards has only files {wanted}.",
+                    "Move the file elsewhere, or name another output.",
+                )
+            number, count = map(int, match.groups())
+            self._files[number] = path
         #: Number of shards of the computation.
         self.count = count
 
@@ -51,11 +72,32 @@ class KeptShards:
             found[number] = part
         return found
 
-    def keep(self, number: int, part: DaylightCoefficients) -> None:
-        """Write a finished shard. Raises ImageError if the file cannot be written."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        part.save(self._folder / f"{number}-of-{self.count}.npz")
+    def keep(self, parts: Mapping[int, DaylightCoefficients], last: bool = False) -> None:
+        """Write the finished shards that have no file yet; `last` is as in `CheckpointFile.written_by`."""
+        for number, part in parts.items():
+            if number not in self._files:
+                file = _ShardFile(self._folder / f"{number}-of-{self.count}.npz", _reasons=self._reasons)
+                if file.written_by(part.save, number, last):
+                    self._files[number] = file.path
 
-    def remove(self) -> None:
-        """Delete the folder; called when the whole computation is complete."""
-        shutil.rmtree(self._folder, ignore_errors=True)
+
+def remove_shards(folder: Path) -> None:
+    """Delete the shards in a folder, and the folder if nothing else is in it.
+
+    Raises ImageError if the system refuses.
+    """
+    try:
+        for path in _content(folder):
+            if _NAME.fullmatch(path.name) is not None:
+                path.unlink(missing_ok=True)
+        if not _content(folder):
+            real_path(folder).rmdir()
+    except OSError as error:
+        raise ImageError(f"{folder}: cannot be removed: {reason_of(error)}.") from error
+
+
+def _content(folder: Path) -> list[Path]:
+    """Return the paths in a folder, sorted; [] if there is no folder."""
+    with suppress(FileNotFoundError):
+        return sorted(folder.iterdir())
+    return []

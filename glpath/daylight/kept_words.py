@@ -2,15 +2,16 @@
 
 Without a stream, each word is appended when it is found. The file has a line that identifies the work, then records
 of equal size in order. A record has a word for each point, and the transmittances of its 32 directions if the scene
-has thin glass. An incomplete last record is cut off. With a stream, words become final only at the end of the pass.
-They are rewritten at intervals, with the number of chunks already traced. Within a `with` block, the file is locked
-against other processes.
+has thin glass. An incomplete last record is ignored and overwritten. A file that ends within its first line has
+nothing of any work, and counts as missing. With a stream, words become final only at the end of the pass.
+They are rewritten at intervals, with the number of chunks already traced. Locks are those of `DaylightCheckpoint`.
 """
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from glpath.errors import ImageError
 from glpath.gl.parallel_rays import WORD, Seen
 from glpath.system.checkpoint import CheckpointFile
-from glpath.system.files import reason_of, short_name, whole_file
+from glpath.system.files import check_writable, reason_of, short_name, whole_file
 
 _HEAD = "glpath daylight 1 {}\n"
 _STREAM_HEAD = "glpath daylight stream 1 {}\n"
@@ -29,40 +30,58 @@ _PASS_SECONDS = 30.0
 class KeptWords(CheckpointFile):
     """Checkpoint file of a computation without streams."""
 
-    holder = "daylight coefficients that resume from it"
     work = "the computation"
 
     def read(self, key: str, points: int, transmits: bool) -> list[Seen]:
-        """Return the words stored for the work with hash `key` (SHA-256, hex); create the file if it is missing.
+        """Return the words stored for the work with hash `key` (SHA-256, hex).
 
-        Raises ImageError if the file belongs to other work or cannot be written.
+        Raises ImageError if the file belongs to other work, cannot be read, or can never be written.
         """
-        head = _HEAD.format(key).encode()
-        size = points * (4 + (2 * WORD if transmits else 0))
+        check_writable(self.path)
+        self._head = _HEAD.format(key).encode()
+        self._size = points * (4 + (2 * WORD if transmits else 0))
+        self._records = 0
+        if not self.found():
+            return []
         try:
-            if not self.found():
-                with open(self.path, "xb") as file:  # "x" does not follow a dangling link
-                    file.write(head)
-                return []
-            with open(self.path, "r+b") as file:
-                if file.read(len(head)) != head:
-                    raise _of_other_work(self.path)
-                whole = (os.path.getsize(self.path) - len(head)) // size
-                found = [_record(file.read(size), points, transmits) for _ in range(whole)]
-                file.truncate(len(head) + whole * size)
+            with open(self.path, "rb") as file:
+                if not _has_head(file, self._head, self.path):
+                    return []
+                self._records = (os.path.getsize(self.path) - len(self._head)) // self._size
+                return [_record(file.read(self._size), points, transmits) for _ in range(self._records)]
         except OSError as error:
             raise ImageError(f"{self.path}: cannot be resumed from: {reason_of(error)}.") from error
-        return found
 
-    def append(self, seen: Seen) -> None:
-        """Append a record. Raises ImageError if it cannot be written."""
-        try:
-            with open(self.path, "ab") as file:
-                file.write(np.ascontiguousarray(seen.word, "<u4").tobytes())
-                if seen.share is not None:
-                    file.write(np.ascontiguousarray(seen.share, "<f2").tobytes())
-        except OSError as error:
-            raise ImageError(f"{self.path}: cannot be written: {reason_of(error)}.") from error
+    def keep(self, done: int, words: NDArray[np.uint32], shares: NDArray[np.float16] | None, last: bool) -> None:
+        """Write the records that are not in the file yet.
+
+        done   : number of words that are done
+        words  : (W, N), of which the first `done` rows are written
+        shares : (W, 32, N) transmittances; None if nothing transmits
+        last   : as in `written_by`
+        """
+
+        def write(file: BinaryIO, first: int) -> None:
+            for k in range(first, done):
+                file.write(np.ascontiguousarray(words[k], "<u4").tobytes())
+                if shares is not None:
+                    file.write(np.ascontiguousarray(shares[k], "<f2").tobytes())
+
+        def save(path: Path) -> None:
+            if self._records == 0 or not os.path.exists(path):
+                with whole_file(path) as part, open(part, "wb") as file:
+                    file.write(self._head)
+                    write(file, 0)
+                return
+            try:
+                with open(path, "r+b") as file:
+                    file.seek(len(self._head) + self._records * self._size)
+                    write(file, self._records)
+            except OSError as error:
+                raise ImageError(f"{path}: cannot be written: {reason_of(error)}.") from error
+
+        if self.written_by(save, done, last):
+            self._records = done
 
 
 class KeptPass(CheckpointFile):
@@ -71,7 +90,6 @@ class KeptPass(CheckpointFile):
     done : number of chunks that the words in the file include
     """
 
-    holder = KeptWords.holder
     work = KeptWords.work
 
     @classmethod
@@ -91,8 +109,8 @@ class KeptPass(CheckpointFile):
             return 0, None
         try:
             with open(self.path, "rb") as file:
-                if file.read(len(self._head)) != self._head:
-                    raise _of_other_work(self.path)
+                if not _has_head(file, self._head, self.path):
+                    return 0, None
                 done = int.from_bytes(file.read(8), "little")
                 content = file.read()
         except OSError as error:
@@ -102,8 +120,8 @@ class KeptPass(CheckpointFile):
         self._last_step = done
         return done, np.frombuffer(content, "<u4").reshape(shape).astype(np.uint32)
 
-    def keep(self, done: int, words: NDArray[np.uint32]) -> None:
-        """Write the file now."""
+    def keep(self, done: int, words: NDArray[np.uint32], last: bool) -> None:
+        """Write the file now; `last` is as in `written_by`."""
 
         def save(path: Path) -> None:
             with whole_file(path) as part, open(part, "wb") as file:
@@ -111,7 +129,15 @@ class KeptPass(CheckpointFile):
                 for word in words:
                     file.write(np.ascontiguousarray(word, "<u4").tobytes())
 
-        self.written_by(save, done)
+        self.written_by(save, done, last)
+
+
+def _has_head(file: BinaryIO, head: bytes, path: Path) -> bool:
+    """Read the first line, and return False if the file ends within it. Raises ImageError for another line."""
+    found = file.read(len(head))
+    if not head.startswith(found):
+        raise _of_other_work(path)
+    return found == head
 
 
 def _of_other_work(path: Path) -> ImageError:

@@ -53,9 +53,9 @@ class Checkpoint(CheckpointFile):
         if self.due(film.path_sets):
             self.write(film)
 
-    def write(self, film: Film) -> bool:
-        """Write the film now, and return True on success."""
-        if well := self.written_by(film.save, film.path_sets):
+    def write(self, film: Film, last: bool = False) -> bool:
+        """Write the film now, and return True on success; `last` is as in `written_by`."""
+        if well := self.written_by(film.save, film.path_sets, last):
             text = "checkpoint: %s path sets in %s, written in %.2f s"
             log.info(text, film.path_sets, self.path, self.took)
         return well

@@ -14,8 +14,11 @@ import contextlib
 import json
 import logging
 import os
+import signal
 import socket
 import time
+from collections.abc import Iterator
+from multiprocessing import resource_tracker
 from typing import Any, Self
 
 from glpath.errors import ContextError, GlpathError, UsageError
@@ -175,7 +178,7 @@ def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
         # Schedulers and workers always listen for HTTP. Without routes they answer no request.
         settings |= {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     try:
-        with dask.config.set(settings):
+        with dask.config.set(settings), _interrupts_blocked():
             return distributed.LocalCluster(
                 n_workers=count,
                 threads_per_worker=1,
@@ -192,6 +195,24 @@ def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
             )
     except RuntimeError as error:
         raise ContextError(f"cluster {_LOCAL}{count}: the processes do not start: {error}.") from error
+
+
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Context whose child processes do not get SIGINT, which a terminal sends to all processes of a command.
+
+    Children inherit the signal mask. This process gets the signal after the block. The tracker of `multiprocessing`
+    would reset the mask when it starts, so it is started before.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _temporary_security(distributed: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import queue
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -11,7 +12,7 @@ from types import FrameType
 
 from glpath.errors import kept_in
 from glpath.film.film import Film
-from glpath.system.signals import ENDING, REPEATED
+from glpath.system.signals import ENDING, RECORDS, REPEATED
 
 # Maximum time, in seconds, for the current path set to end after a terminating signal, such as SIGTERM. The sender
 # kills the process soon after: containers after ten seconds, Slurm after thirty.
@@ -42,8 +43,8 @@ class Flag:
     def __init__(self) -> None:
         self.set = False
         self.signal: int = signal.SIGINT
-        self._hurry = threading.Timer(_GRACE, self._hurry_up)
-        self._hurry.daemon = True
+        # True: a signal came; False: the block has ended. A handler may interrupt `put`, but not a lock.
+        self._events: queue.SimpleQueue[bool] = queue.SimpleQueue()
         self._late = False
         self._break_in: Callable[[], object] | None = None
         self._whole = False
@@ -62,28 +63,39 @@ class Flag:
         if self._break_in is not None:
             self._break_in()
 
+    def limit_path_set(self) -> None:
+        """Start the thread that interrupts a slow path set; a signal handler cannot start one safely."""
+        threading.Thread(target=self._hurry_up, daemon=True).start()
+
     def close(self) -> None:
-        """Cancel the timer that interrupts slow path sets."""
-        self._hurry.cancel()
+        """End the thread that interrupts slow path sets."""
+        self._events.put(False)
 
     def _hurry_up(self) -> None:
         """Send the signal again, to interrupt a path set that did not end in time."""
-        self._late = True
-        os.kill(os.getpid(), self.signal)
+        if not self._events.get():
+            return
+        try:
+            self._events.get(timeout=_GRACE)
+        except queue.Empty:
+            self._late = True
+            os.kill(os.getpid(), self.signal)
 
     def signalled(self, number: int, break_in: Callable[[], object]) -> None:
-        """Record a signal. From the second one on, call `break_in`, unless the system itself repeats the signal."""
-        if self.set and number in REPEATED and not self._late:
-            return
+        """Record a signal. From the second one on, call `break_in`, unless the system itself repeats the signal.
+
+        Another signal may interrupt any call below, so the fields are set before the first call.
+        """
         if not self.set:
-            self.signal = number
+            self.set, self.signal = True, number
             if number != signal.SIGINT:
-                self._hurry.start()
-        if self.set and self._whole:
+                self._events.put(True)
+        elif number in REPEATED and not self._late:
+            return
+        elif self._whole:
             self._break_in = break_in
-        elif self.set:
+        else:
             break_in()
-        self.set = True
 
 
 @contextmanager
@@ -100,9 +112,17 @@ def interrupt_as_flag() -> Iterator[Flag]:
         before = {}
 
     def stop(number: int, frame: FrameType | None) -> None:
+        for command in RECORDS:
+            command.record(number)
         flag.signalled(number, lambda: handled[signal.Signals(number)](number, frame))
 
     handled = {number: handler for number, handler in before.items() if callable(handler)}
+    for command in RECORDS if handled else ():
+        # A signal that came after the last check of an earlier flag ends this computation.
+        if command.first is not None:
+            flag.set, flag.signal = True, command.first
+    if handled.keys() - {signal.SIGINT}:
+        flag.limit_path_set()
     for number in handled:
         signal.signal(number, stop)
     try:

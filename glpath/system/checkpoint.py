@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from glpath.errors import ImageError
-from glpath.system.files import reason_of, remove_parts
+from glpath.system.files import real_path, reason_of, remove_parts, rescued
 from glpath.system.locks import Lock, Locked
 
 log = logging.getLogger("glpath")
@@ -33,6 +33,7 @@ class CheckpointFile(Locked):
     steps   : number of steps between two checkpoints; None: not by steps
     written : number of checkpoints written
     failure : reason why the last checkpoint could not be written; None if it was written
+    rescue  : sentence on the temporary file that has the state of a last checkpoint that could not be written
     took    : seconds that the last checkpoint took
     """
 
@@ -45,6 +46,7 @@ class CheckpointFile(Locked):
     steps: int | None = None
     written: int = 0
     failure: str | None = None
+    rescue: str = ""
     took: float = 0.0
     _last_time: float = field(default_factory=time.monotonic)
     _last_step: int = 0
@@ -64,17 +66,26 @@ class CheckpointFile(Locked):
         by_time = self.seconds is not None and time.monotonic() - self._last_time >= self.seconds
         return by_time or (self.steps is not None and step - self._last_step >= self.steps)
 
-    def written_by(self, save: Callable[[Path], None], step: int) -> bool:
-        """Write the file and return True on success. The log reports each reason of failure once."""
+    def written_by(self, save: Callable[[Path], None], step: int, last: bool = False) -> bool:
+        """Write the file and return True on success. The log reports each reason of failure once.
+
+        save : function that writes the state to a path
+        last : True if the work ends here; a state that cannot be written is then kept in a temporary folder
+        """
         started = time.monotonic()
         try:
             save(self.path)
         except ImageError as error:
             self.failure = error.message
             reason = reason_of(error.__cause__ or error)
-            if reason not in self._reasons:
+            text = error.message.rstrip(".")
+            if last:
+                kept = "What is done is kept in {}; as the checkpoint's file, --resume continues it."
+                self.rescue = rescued({self.path.name: save}, kept)
+                log.warning("checkpoint: %s. %s", text, self.rescue)
+            elif reason not in self._reasons:
                 self._reasons.add(reason)
-                log.warning("checkpoint: %s; %s continues", error.message.rstrip("."), self.work)
+                log.warning("checkpoint: %s; %s continues", text, self.work)
         else:
             self.failure = None
             self.written += 1
@@ -84,8 +95,11 @@ class CheckpointFile(Locked):
         return self.failure is None
 
     def remove(self) -> None:
-        """Remove the file if it exists. Raises ImageError if it cannot be removed."""
+        """Remove the file if it exists, also the file that a link leads to, as it is the file that was written.
+
+        Raises ImageError if it cannot be removed.
+        """
         try:
-            self.path.unlink(missing_ok=True)
+            real_path(self.path).unlink(missing_ok=True)
         except OSError as error:
             raise ImageError(f"{self.path}: cannot be removed: {reason_of(error)}.") from error

@@ -19,3 +19,19 @@ ENDING = (signal.SIGINT, *TERMINATING)
 REPEATED = _existing("SIGHUP", "SIGXCPU")
 #: Names of TERMINATING, for help texts.
 TERMINATING_TEXT = ", ".join(number.name for number in TERMINATING)
+
+
+class SignalRecord:
+    """First signal of a command, whichever code handles it."""
+
+    first: int | None = None
+
+    def record(self, number: int) -> None:
+        """Record a signal; later ones change nothing."""
+        if self.first is None:
+            self.first = number
+
+
+#: Records of the running commands: none in a Python program, one in the command line. Code that keeps signals from
+#: a command's handler records them here, because other handlers may lie between the two.
+RECORDS: list[SignalRecord] = []

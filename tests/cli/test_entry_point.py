@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
+
+import pytest
+
+from tests.support.killing import default_signals
 
 INTERRUPTED_WHILE_LOADING = """
 import runpy, sys
@@ -22,3 +27,31 @@ runpy.run_module("glpath", run_name="__main__")
 def test_an_interrupt_while_modules_load_shows_no_traceback() -> None:
     done = subprocess.run([sys.executable, "-c", INTERRUPTED_WHILE_LOADING], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (130, "Interrupted.\n")
+
+
+STRUCK_WHILE_LOADING = """
+import os, runpy, signal, sys
+
+class Strikes:
+    def find_spec(self, name, *rest):
+        if name == wanted:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+wanted = sys.argv.pop(1)
+sys.meta_path.insert(0, Strikes())
+runpy.run_module("glpath", run_name="__main__")
+"""
+
+
+@pytest.mark.parametrize("module", ["typer", "glpath.cli.viewfactors"])
+@pytest.mark.parametrize(
+    ("option", "code"), [("--resume", 75), ("--checkpoint=1h", 75), ("--quiet", -signal.SIGTERM)]
+)
+def test_scheduler_s_signal_while_modules_load_has_its_exit_code(module: str, option: str, code: int) -> None:
+    command = [sys.executable, "-c", STRUCK_WHILE_LOADING, module, "viewfactors", "cornell-box-36", option]
+    done = subprocess.run(command, capture_output=True, text=True, preexec_fn=default_signals)
+    if module != "typer" and code < 0:
+        code = 130  # the handlers of commands are there
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    assert ("start it again" in done.stderr) == (code == 75 and module == "typer"), done.stderr

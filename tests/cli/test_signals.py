@@ -6,14 +6,21 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from types import FrameType, SimpleNamespace
+from typing import Any
 
 import pytest
 
+import glpath
+from glpath.cli.signals import hold, interrupted, signals_wait_for_results
+from glpath.film.film import Film
 from glpath.rendering import interrupts
-from glpath.rendering.interrupts import interrupt_as_flag
+from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
 from glpath.system.signals import REPEATED
-from tests.support.killing import default_signals
+from tests.support.command_line import run
+from tests.support.killing import SMALL, default_signals
 
 INTERRUPTED = """
 import os, signal, _moderngl
@@ -133,3 +140,148 @@ def wait_through(number: signal.Signals) -> None:
     with interrupt_as_flag():
         signal.raise_signal(number)
         time.sleep(20)
+
+
+@pytest.fixture
+def default_sigterm() -> Iterator[None]:
+    """Handle SIGTERM during the test, whatever the parent process set."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.usefixtures("default_sigterm")
+def test_second_signal_within_the_handler_of_the_first_interrupts() -> None:
+    struck = []
+
+    def strike(frame: FrameType, event: str, argument: object) -> None:
+        caller = frame if event == "c_call" else frame.f_back
+        if event in ("call", "c_call") and caller is not None and caller.f_code is Flag.signalled.__code__:
+            sys.setprofile(None)
+            struck.append(event)
+            signal.raise_signal(signal.SIGTERM)
+
+    with interrupt_as_flag() as flag:
+        sys.setprofile(strike)
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGTERM)
+        finally:
+            sys.setprofile(None)
+        assert (len(struck), bool(flag), flag.signal) == (1, True, signal.SIGTERM)
+
+
+@pytest.mark.parametrize(("resume", "code"), [(["--resume"], 75), ([], 130)])
+@pytest.mark.usefixtures("default_sigterm")
+def test_daylight_that_a_scheduler_ends_has_its_exit_code(
+    resume: list[str], code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def struck(*given: Any) -> None:
+        signal.raise_signal(signal.SIGTERM)
+        assert given[-1], "the flag is set"
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("glpath.daylight.compute._words", struck)
+    monkeypatch.chdir(tmp_path)
+    Path("p.csv").write_text("x,y,z,nx,ny,nz\n0,0.1,0,0,1,0\n")
+    options = ["-o", "a b.npz", "--points", "p.csv", "--samples", 1, *resume]
+    done = run("daylight", "cornell-box-36", *options)
+    assert done.exit_code == code, done.stderr
+    again = "to resume: glpath daylight cornell-box-36 -o 'a b.npz' --points p.csv --samples 1 --resume"
+    assert (again in done.stderr) == bool(resume), done.stderr
+
+
+@pytest.mark.parametrize(("resume", "code"), [(["--resume"], 75), ([], 130)])
+@pytest.mark.usefixtures("default_sigterm")
+def test_frames_that_a_scheduler_ends_have_its_exit_code(
+    resume: list[str], code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def struck(*given: Any, **options: Any) -> Iterator[Film]:
+        with interrupt_as_flag() as flag:
+            signal.raise_signal(signal.SIGTERM)
+        raise RenderInterrupted(film, flag.signal)
+        yield
+
+    film = glpath.render("cornell-box-36", resolution=(4, 4), spp=1, integrator="path")
+    monkeypatch.setattr("glpath.rendering.render_frames", struck)
+    done = run("render", *SMALL, "-o", tmp_path / "t.npz", "--spp", 1, "--turntable", 2, *resume)
+    assert done.exit_code == code, done.stderr
+
+
+@pytest.mark.parametrize(("resume", "code"), [(["--resume"], 0), ([], 130)])
+@pytest.mark.usefixtures("default_sigterm")
+def test_scheduler_need_not_resume_what_is_saved_when_its_signal_comes(
+    resume: list[str], code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def save(path: Path) -> None:
+        signal.raise_signal(signal.SIGTERM)
+        path.touch()
+
+    matrix = SimpleNamespace(save=save)
+    monkeypatch.setattr("glpath.radiosity.view_factors.compute.view_factors", lambda *_, **__: matrix)
+    done = run("viewfactors", "cornell-box-36", "-o", tmp_path / "F.npz", "-q", *resume)
+    assert (done.exit_code, [path.name for path in tmp_path.iterdir()]) == (code, ["F.npz"]), done.stderr
+
+
+@pytest.mark.usefixtures("default_sigterm")
+def test_signal_after_the_last_check_of_a_flag_ends_the_next_computation() -> None:
+    with signals_wait_for_results():
+        with interrupt_as_flag():
+            signal.raise_signal(signal.SIGTERM)
+        with interrupt_as_flag() as flag:
+            assert (bool(flag), flag.signal) == (True, signal.SIGTERM)
+
+
+class Solution:
+    """Solution that is saved as an empty file."""
+
+    def save(self, path: Path) -> None:
+        path.touch()
+
+
+@pytest.mark.parametrize("whole", [True, False])
+@pytest.mark.usefixtures("default_sigterm")
+def test_solution_is_rescued_if_its_checkpoint_cannot_be_written(
+    whole: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def struck(scene: object, options: dict[str, Any], mode: str) -> Solution:
+        def save(path: Path) -> None:
+            if path == options["checkpoint"].path:
+                raise glpath.ImageError(f"{path}: cannot be written: No space left on device.")
+            path.write_text("the solver's state")
+
+        options["checkpoint"].written_by(save, 1)
+        interrupted(signal.SIGTERM)
+        if whole:
+            options["checkpoint"].written_by(save, 2, last=True)
+        return Solution()
+
+    monkeypatch.setattr("glpath.cli.radiosity._solve", struck)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "--checkpoint", "1h")
+    (rescued,) = tmp_path.glob("glpath-*/*")
+    assert rescued.name == ("s.checkpoint.npz" if whole else "solution.npz")
+    assert (done.exit_code, f"is kept in {rescued};" in done.stderr) == (1, True), done.stderr
+    assert f"glpath: error: {tmp_path / 's.checkpoint.npz'}: cannot be written: No space" in done.stderr
+
+
+@pytest.mark.parametrize(("resume", "code"), [(["--resume"], 75), ([], 130)])
+@pytest.mark.usefixtures("default_sigterm")
+def test_check_of_a_saved_solution_ends_at_a_signal(
+    resume: list[str], code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def solve(scene: object, options: dict[str, Any], mode: str) -> Solution:
+        hold()
+        if resume:
+            options["checkpoint"].path.touch()
+        return Solution()
+
+    def struck(*_: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+        raise AssertionError("the signal ends it")
+
+    monkeypatch.setattr("glpath.cli.radiosity._solve", solve)
+    monkeypatch.setattr("glpath.rendering.element_error", struck)
+    done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "-q", "--check", *resume)
+    assert (done.exit_code, "saving" in done.stderr) == (code, False), done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["s.checkpoint.npz"] * bool(resume) + ["s.npz"]

@@ -188,6 +188,31 @@ def test_what_fails_everywhere_ends_it_and_the_rest_is_kept(tmp_path: Path) -> N
         played({1: [UsageError("a mistake")], 2: [one]})
 
 
+def test_shard_that_a_full_disk_refuses_does_not_end_the_computation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(*_: object) -> None:
+        raise ImageError("a shard: cannot be written: No space left on device.")
+
+    one, two = map(DaylightCoefficients.load, shards_of(tmp_path, veiled(), 2))
+    save = DaylightCoefficients.save
+    monkeypatch.setattr(DaylightCoefficients, "save", full)
+    found = played({1: [one], 2: [two]}, tmp_path / "kept")
+    assert found.shard is None
+    assert caplog.text.count("No space left on device; the computation continues") == 1
+
+    def only_elsewhere(part: DaylightCoefficients, path: Path) -> None:
+        save(part, path) if tmp_path / "kept" not in path.parents else full()
+
+    monkeypatch.setattr(DaylightCoefficients, "save", only_elsewhere)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with pytest.raises(ContextError):
+        played({1: [one], 2: [ContextError("no device")] * 3}, tmp_path / "kept")
+    (rescued,) = tmp_path.glob("glpath-*/1-of-2.npz")
+    assert f"What is done is kept in {rescued}; as the checkpoint's file, --resume continues" in caplog.text
+    assert DaylightCoefficients.load(rescued).shard == one.shard
+
+
 def test_no_worker_for_long_is_told(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     monkeypatch.setattr(by_workers, "_SILENCE_S", 0.0)
     cluster = Played({1: [None]})

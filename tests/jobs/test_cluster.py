@@ -454,6 +454,13 @@ def listeners(pid: int) -> list[tuple[str, int]]:
     return found
 
 
+def test_ctrl_c_of_a_terminal_does_not_reach_local_workers(workers):
+    """Otherwise each prints a traceback of its own."""
+    masks = workers.client.run(signal.pthread_sigmask, signal.SIG_BLOCK, [])
+    assert [signal.SIGINT in mask for mask in masks.values()] == [True, True]
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
 def test_a_scheduler_without_encryption_is_warned_of(caplog):
     with open_scheduler() as scheduler, Cluster(scheduler):
         pass

@@ -97,8 +97,8 @@ class SolverCheckpoint(CheckpointFile):
         if self.due(step):
             self.write(solver, step, elapsed_s)
 
-    def write(self, solver: Solver, step: int, elapsed_s: float) -> None:
-        """Write the state now, unless a step is changing it."""
+    def write(self, solver: Solver, step: int, elapsed_s: float, last: bool = False) -> None:
+        """Write the state now, unless a step is changing it; `last` is as in `written_by`."""
         if not solver.whole:
             return  # a signal came during a step; the previous file is still valid
 
@@ -113,4 +113,4 @@ class SolverCheckpoint(CheckpointFile):
                     **arrays,
                 )
 
-        self.written_by(save, step)
+        self.written_by(save, step, last)

@@ -348,10 +348,11 @@ def _progressive(
                 empty_shafts=took.empty_shafts,
             )
 
-    def partial() -> RadiositySolution | None:
+    def partial(stop: BaseException) -> RadiositySolution | None:
         """Store the state, and return the solution so far, if any; during a refinement, the solution before it."""
         if checkpoint is not None:
-            checkpoint.write(refinement, refinement.steps, run.elapsed_s)
+            last = isinstance(stop, KeyboardInterrupt)  # after the time limit the solution itself is saved
+            checkpoint.write(refinement, refinement.steps, run.elapsed_s, last)
         return before or (solution() if refinement.steps else None)
 
     before: RadiositySolution | None = None
@@ -367,7 +368,7 @@ def _progressive(
             refinement.run(until, max_steps, report)
         return solution()
     except (TimeLimitError, KeyboardInterrupt) as stop:
-        return _stopped(stop, partial())
+        return _stopped(stop, partial(stop))
 
 
 def _matrix(run: _Run, transport: Transport) -> RadiositySolution:
@@ -419,10 +420,11 @@ def _monte_carlo(
                 **({} if view is None else {"view_mean": view[0], "view_error": view[1]}),
             )
 
-    def partial() -> RadiositySolution | None:
+    def partial(stop: BaseException) -> RadiositySolution | None:
         """Store the state, and return the solution of the lattices that got the most particles, if any."""
         if checkpoint is not None:
-            checkpoint.write(shooting, shooting.particles // BATCH, run.elapsed_s)
+            last = isinstance(stop, KeyboardInterrupt)
+            checkpoint.write(shooting, shooting.particles // BATCH, run.elapsed_s, last)
         if coarser is not None and shooting.particles < coarser["counts"][0]:
             shooting.restore(coarser)
         return solution() if shooting.particles else None
@@ -449,7 +451,7 @@ def _monte_carlo(
             # The number of batches added does not depend on the number of threads, so neither does the result.
             batches += asked
     except (TimeLimitError, KeyboardInterrupt) as stop:
-        return _stopped(stop, partial())
+        return _stopped(stop, partial(stop))
 
 
 def _stopped(stop: BaseException, partial: RadiositySolution | None) -> RadiositySolution:

@@ -303,7 +303,7 @@ class _Run:
                 _end(running)
                 found = [ended.get() for _ in range(ended.qsize())]
                 self._take([part for part in found if isinstance(part, _Part)], total)
-                self._save(self.kept, key)
+                self._save(self.kept, key, last=True)
             raise
         finally:
             _end(running)
@@ -336,7 +336,7 @@ class _Run:
         self.reported = elapsed
         self.on_progress(ViewFactorProgress(stage, done, total, 2 * self._factors(), self.bytes, elapsed))
 
-    def _save(self, kept: _Rows, key: str) -> None:
+    def _save(self, kept: _Rows, key: str, last: bool = False) -> None:
         if not self.parts:
             return
         part = _joined(self.parts)
@@ -349,7 +349,7 @@ class _Run:
                     error=part.error, counts=part.counts,
                 )  # fmt: skip
 
-        kept.written_by(save, self.rows_done)
+        kept.written_by(save, self.rows_done, last)
         kept.seconds = max(_SAVE_INTERVAL, kept.took / _SAVE_SHARE)
 
     def _result(self, faces: Faces, where: Geometry, backs: Float64, backs_error: Float64) -> ViewFactors:

@@ -1,0 +1,169 @@
+"""Checkpoints of daylight coefficients: nothing of others is removed, and nothing done is lost."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from glpath.daylight import kept_words
+from glpath.daylight.checkpoint import DaylightCheckpoint
+from glpath.daylight.coefficients import DaylightCoefficients
+from glpath.daylight.compute import daylight_coefficients
+from glpath.daylight.kept_shards import KeptShards
+from glpath.daylight.kept_words import KeptPass, KeptWords
+from glpath.errors import GlpathError, ImageError
+from tests.support.command_line import run
+from tests.support.weather_files import write_epw
+
+AT, UP = np.array([[0.0, 0.1, 0.0], [0.2, 0.1, 0.2]]), np.array([0.0, 1.0, 0.0])
+QUICK: dict[str, Any] = {"samples": 2, "max_depth": 1}
+
+
+@pytest.fixture
+def sensors(tmp_path: Path) -> Path:
+    path = tmp_path / "p.csv"
+    path.write_text("x,y,z,nx,ny,nz\n0,0.1,0,0,1,0\n")
+    return path
+
+
+def coefficients(**options: Any) -> DaylightCoefficients:
+    return daylight_coefficients("cornell-box-36", AT, UP, **QUICK, **options)
+
+
+def test_folder_with_other_files_is_refused_before_the_work(tmp_path: Path) -> None:
+    for name in ("thesis.tex", "2-of-3.npz", "0-of-0.npz.bak"):
+        folder = tmp_path / f"with {name}"
+        folder.mkdir()
+        (folder / "1-of-4.npz").touch()
+        (folder / name).touch()
+        with pytest.raises(ImageError, match=r"has .*; the folder of a cluster's shards has only files K-of-"):
+            KeptShards(folder, "work", 4)
+        assert len(list(folder.iterdir())) == 2
+
+
+def test_temporary_file_of_a_killed_process_is_removed_from_the_folder(tmp_path: Path) -> None:
+    for name in (".1-of-4.0123abcd.part.npz", "2-of-4.npz"):
+        (tmp_path / name).touch()
+    assert KeptShards(tmp_path, "work", 3).count == 4
+    assert [path.name for path in tmp_path.iterdir()] == ["2-of-4.npz"]
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_only_shards_are_removed_with_their_folder(linked: bool, tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    path = tmp_path / "dc.npz.part" if linked else folder
+    if linked:
+        path.symlink_to(folder)
+    for name in ("1-of-2.npz", "2-of-2.npz", "thesis.tex"):
+        (folder / name).touch()
+    DaylightCheckpoint(path).remove()
+    assert [file.name for file in folder.iterdir()] == ["thesis.tex"]
+    (folder / "thesis.tex").unlink()
+    DaylightCheckpoint(path).remove()
+    assert not folder.exists()
+
+
+def test_second_process_is_refused_a_cluster_s_folder(tmp_path: Path) -> None:
+    folder, cluster = tmp_path / "dc.npz.part", object()
+    with DaylightCheckpoint(folder), pytest.raises(GlpathError, match="has it already: process"):
+        coefficients(resume=folder, cluster=cluster)
+
+
+def test_checkpoint_file_that_is_a_link_is_followed_to_the_end(tmp_path: Path) -> None:
+    link, target = tmp_path / "part", tmp_path / "scratch"
+    link.symlink_to(target)
+    with DaylightCheckpoint(link) as checkpoint:
+        coefficients(resume=checkpoint)
+        assert target.stat().st_size > 0
+        checkpoint.remove()
+    assert (link.is_symlink(), target.exists()) == (True, False)
+
+
+@pytest.mark.parametrize("size", [0, 1, 60])
+def test_file_that_ends_within_its_first_line_counts_as_missing(size: int, tmp_path: Path) -> None:
+    key = "0" * 64
+    for kept, head in ((KeptWords, kept_words._HEAD), (KeptPass, kept_words._STREAM_HEAD)):
+        path = tmp_path / kept.__name__
+        path.write_bytes(head.format(key).encode()[:size])
+        found = kept(path).read(key, 2, False) if kept is KeptWords else kept(path).read(key, (1, 2))
+        assert found in ([], (0, None))
+        path.write_bytes(b"glpath of others"[: max(8, size)] + b"x" * 100)
+        with pytest.raises(ImageError, match="holds the words of other sensors"):
+            kept(path).read(key, 2, False) if kept is KeptWords else kept(path).read(key, (1, 2))
+
+
+def test_full_disk_does_not_end_the_computation_and_later_words_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    part = tmp_path / "part"
+    opened: list[str] = []
+
+    def full(path: Path, mode: str) -> Any:
+        opened.append(mode)
+        if len(opened) in (1, 3, 4):  # the first writing, and two after a good one
+            raise OSError(28, "No space left on device")
+        return open(path, mode)
+
+    monkeypatch.setattr(kept_words, "open", full, raising=False)
+    whole = coefficients()
+    with DaylightCheckpoint(part) as checkpoint:
+        found = coefficients(resume=checkpoint)
+    assert np.array_equal(found.words, whole.words)
+    assert opened[:5] == ["wb", "wb", "r+b", "r+b", "r+b"]
+    assert caplog.text.count("No space left on device; the computation continues") == 1
+    monkeypatch.undo()
+    size = part.stat().st_size
+    kept = KeptWords(part)
+    head = part.read_bytes()[: len(kept_words._HEAD.format("0" * 64))].decode()
+    words = kept.read(head.split()[-1], len(AT), False)
+    assert np.array_equal([seen.word for seen in words], whole.words)
+    assert size == len(head) + whole.words.size * 4
+
+
+def test_words_that_a_full_disk_refuses_are_rescued_at_a_signal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(path: Path) -> Any:
+        raise ImageError(f"{path}: cannot be written: No space left on device.")
+
+    kept, whole_file = KeptWords(tmp_path / "part"), kept_words.whole_file
+    assert kept.read("0" * 64, 2, False) == []
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(kept_words, "whole_file", lambda path: (full if path == kept.path else whole_file)(path))
+    words = np.arange(6, dtype=np.uint32).reshape(3, 2)
+    kept.keep(2, words, None, last=True)
+    (rescued,) = tmp_path.glob("glpath-*/part")
+    assert f"No space left on device. What is done is kept in {rescued}" in caplog.text
+    again = KeptWords(rescued).read("0" * 64, 2, False)
+    assert np.array_equal([seen.word for seen in again], words[:2])
+
+
+@pytest.mark.parametrize("struck", [True, False])
+def test_checkpoint_stays_until_the_year_with_blinds_is_saved(
+    struck: bool, tmp_path: Path, sensors: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*given: Any, **options: Any) -> DaylightCoefficients:
+        if calls and struck:
+            signal.raise_signal(signal.SIGINT)
+        if calls:
+            raise GlpathError("the second computation fails")
+        calls.append(1)
+        return daylight_coefficients(*given, **options)
+
+    calls: list[int] = []
+    options = ("--points", sensors, "--weather", write_epw(tmp_path / "a.epw"), "--blinds", "cornell-box-36")
+    options += ("--samples", 1, "--suns", 8, "--max-depth", 1, "--resume")
+    out = tmp_path / "y.npz"
+    with monkeypatch.context() as patch:
+        patch.setattr("glpath.daylight.compute.daylight_coefficients", fail)
+        done = run("daylight", "cornell-box-36", "-o", out, *options)
+    assert done.exit_code == (130 if struck else 1), done.stderr
+    assert (tmp_path / "y.npz.part").exists()
+    assert (f"what is done is in {tmp_path / 'y.npz.part'}" in done.stderr) == struck
+    assert run("daylight", "cornell-box-36", "-o", out, *options).exit_code == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.epw", "p.csv", "y.npz"]
