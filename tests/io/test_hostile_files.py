@@ -20,6 +20,7 @@ import glpath
 from glpath.errors import GlpathError, ImageError
 from glpath.film.image import read_environment
 from glpath.io.mitsuba.document import read_document
+from glpath.rendering import RenderJob
 from glpath.scene.digest import digest_of
 from tests.support import honeybee_model
 
@@ -390,6 +391,16 @@ def test_a_polygon_of_very_many_corners_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text(rows + "f " + " ".join(map(str, range(1, count + 1))) + "\n")
     with pytest.raises(glpath.SceneError, match=r"a\.obj: .*20,000 corners, but 16,384 are the most"):
         glpath.load_scene(tmp_path / "a.obj")
+
+
+def test_a_scene_of_very_many_bytes_is_refused_with_a_remedy(tmp_path: Path) -> None:
+    """Its text alone would take half a minute."""
+    (tmp_path / "a.toml").write_bytes(b"\n" * (200 << 20))
+    with pytest.raises(glpath.SceneError, match=r"more than the 8,388,608 bytes(.|\n)*\[\[assets\]\]"):
+        glpath.load_scene(tmp_path / "a.toml")
+    (tmp_path / "job.json").write_bytes(b" " * (9 << 20))
+    with pytest.raises(glpath.UsageError, match=r"job\.json: cannot be read as a render job: it has .* bytes"):
+        RenderJob.load(tmp_path / "job.json")
 
 
 def test_a_mesh_file_of_very_many_parts_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
