@@ -17,11 +17,14 @@ import PIL.Image
 import pytest
 
 import glpath
+from glpath.cli.point_files import read_points
 from glpath.errors import GlpathError, ImageError
 from glpath.film.image import read_environment
 from glpath.io.mitsuba.document import read_document
+from glpath.io.weather import read_weather
 from glpath.rendering import RenderJob
 from glpath.scene.digest import digest_of
+from glpath.terrain.reading import load_height_field
 from tests.support import honeybee_model
 
 SCENE = '<scene version="3.0.0">{}<shape type="rectangle"/></scene>'
@@ -401,6 +404,45 @@ def test_a_scene_of_very_many_bytes_is_refused_with_a_remedy(tmp_path: Path) -> 
     (tmp_path / "job.json").write_bytes(b" " * (9 << 20))
     with pytest.raises(glpath.UsageError, match=r"job\.json: cannot be read as a render job: it has .* bytes"):
         RenderJob.load(tmp_path / "job.json")
+
+
+def test_a_file_that_is_no_spectrum_or_scene_is_not_quoted(tmp_path: Path) -> None:
+    (tmp_path / "secret.txt").write_text("hidden:x:0:0\n")
+    spectrum = '<bsdf type="diffuse"><spectrum name="reflectance" filename="secret.txt"/></bsdf>'
+    for text in ('<include filename="secret.txt"/>', f'<shape type="cube">{spectrum}</shape>'):
+        (tmp_path / "a.xml").write_text(SCENE.format(text))
+        with pytest.raises(glpath.SceneError, match=r"secret\.txt") as caught:
+            glpath.load_scene(tmp_path / "a.xml")
+        assert "hidden" not in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", [".epw", ".csv"])
+def test_weather_of_very_many_rows_is_refused_before_its_table_is_made(suffix: str, tmp_path: Path) -> None:
+    (tmp_path / f"a{suffix}").write_text("LOCATION,A,B,C,D,1,0,0,0,0\n" + "1\n" * 8_000_000)
+    with pytest.raises(glpath.SceneError, match=r"has 8,000,001 lines, but a weather file has at most 527,140"):
+        read_weather(tmp_path / f"a{suffix}")
+
+
+def test_an_ascii_grid_is_parsed_to_its_last_height(tmp_path: Path) -> None:
+    header = "ncols {}\nnrows 2\ncellsize 1\n"
+    (tmp_path / "a.asc").write_text(header.format(2) + "11 " * 5_000_000)
+    tracemalloc.start()
+    with pytest.raises(glpath.SceneError, match="has more than 4 heights where 2 x 2 are announced"):
+        load_height_field(tmp_path / "a.asc")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 5 * 15_000_000
+    (tmp_path / "a.asc").write_text(header.format(10**18) + "11 " * 5_000_000)
+    with pytest.raises(glpath.SceneError, match=r"do not fit in 15,000,0\d\d bytes"):
+        load_height_field(tmp_path / "a.asc")
+
+
+@pytest.mark.parametrize("text", ["1," * 1_000_000, "a," * 1_000_000 + "\n1,2,3\n", "a," * 30_000 + "\n1,2\n"])
+def test_a_table_of_points_with_very_many_columns_is_refused_briefly(text: str, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(glpath.UsageError, match=r"a\.csv, line 1: ") as caught:
+        read_points(tmp_path / "a.csv", None)
+    assert len(str(caught.value)) < 600
 
 
 def test_a_mesh_file_of_very_many_parts_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -193,6 +193,14 @@ def test_pictures_that_unfold_to_much_together_are_refused(tmp_path: Path, monke
     assert re.search(r"images\[1\] .* no more than 256 times", str(refused(tmp_path / "model.gltf")))
 
 
+def test_a_very_deep_chain_of_nodes_is_refused(tmp_path: Path) -> None:
+    def chain(document: dict[str, Any]) -> None:
+        count = len(document["nodes"])
+        document["nodes"] += [{"children": [count + i + 1]} for i in range(20_000)] + [{}]
+
+    assert "more than 10,000 deep" in str(refused(changed(tmp_path, chain)))
+
+
 def test_jpeg_of_many_scans_is_refused(tmp_path: Path) -> None:
     write_jpeg_of_scans(tmp_path / "many.jpg", 100)
     error = refused(changed(tmp_path, set_at("images", 0, value={"uri": "many.jpg"})))
