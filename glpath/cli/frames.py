@@ -36,12 +36,18 @@ if TYPE_CHECKING:
 
     from glpath.cli.run_request import RunRequest
     from glpath.film.film import Film
-    from glpath.scene import Scene
+    from glpath.scene import Camera, Scene
 
 #: Suffixes of movie files; the package imageio-ffmpeg writes them.
 MOVIES = (".mp4", ".mov", ".mkv")
 
 
+#: Maximum number of frames of one call: more than an hour at 24 frames a second.
+MAX_FRAMES = 100_000
+# Maximum number of a frame.
+_MAX_NUMBER = 999_999_999
+# Maximum number of characters of an option's value that an error shows.
+_SHOWN = 60
 # File name with one placeholder for the number of a frame, such as frame_{:04}.png; at most 99 digits.
 _FRAME_NUMBER = re.compile(r"[^{}]*\{0?(?::0?[0-9]{0,2}d?)?\}[^{}]*")
 
@@ -74,15 +80,28 @@ class Frames:
         """Return the frames of `--turntable count`. Raises UsageError."""
         if count < 1:
             raise UsageError(f"--turntable {count}: must be at least 1.")
+        if count > MAX_FRAMES:
+            raise UsageError(
+                f"--turntable {count}: must be at most {MAX_FRAMES:,}.", "360 frames turn by one degree each."
+            )
         return cls("--turntable", 0, count)
 
     @classmethod
     def of_range(cls, text: str) -> Frames:
         """Return the frames of `--frames A:B`. Raises UsageError."""
-        match = re.fullmatch(r"([0-9]{1,9}):([0-9]{1,9})", text.strip())
+        shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]} ..."
+        match = re.fullmatch(r"0*([0-9]+):0*([0-9]+)", text.strip())
+        if match and max(map(len, match.groups())) > len(str(_MAX_NUMBER)):
+            raise UsageError(f"--frames {shown}: the number of a frame must be at most {_MAX_NUMBER:,}.")
         if not match or int(match[1]) >= int(match[2]):
-            raise UsageError(f"--frames {text}: expected A:B, whole numbers of which B is greater, e.g. 0:240.")
-        return cls("--frames", int(match[1]), int(match[2]))
+            raise UsageError(f"--frames {shown}: expected A:B, whole numbers of which B is greater, e.g. 0:240.")
+        first, stop = int(match[1]), int(match[2])
+        if stop - first > MAX_FRAMES:
+            raise UsageError(
+                f"--frames {shown}: {stop - first:,} frames, but one call renders at most {MAX_FRAMES:,}.",
+                f"Render a part at a time: --frames {first}:{first + MAX_FRAMES}.",
+            )
+        return cls("--frames", first, stop)
 
     def path(self, out: Path, index: int) -> Path:
         """Return the file of a frame: turn.png becomes turn-007.png, and frame_{:04}.png becomes frame_0007.png."""
@@ -201,8 +220,10 @@ class FramesToRender:
             for path in self.out:
                 held.enter_context(Lock(path, "a render of these frames", frames.first, frames.stop))
             todo = left_to_do(frames, self.out, self.run.resume)
-            cameras = scene.camera.turntable(frames.stop) if frames.option == "--turntable" else None
-            shown = (scenes.at(i) if cameras is None else cameras[i] for i in todo)
+            if frames.option == "--turntable":
+                shown: Iterator[Scene | Camera] = (scene.camera.turned(360.0 * i / frames.stop) for i in todo)
+            else:
+                shown = (scenes.at(i) for i in todo)
             held.enter_context(watched(self.run.silence, "The frames before it are written."))
             held.enter_context(without_limit())  # each frame has a time limit of its own
             held.enter_context(warnings.catch_warnings())
@@ -257,9 +278,9 @@ class FramesToRender:
             say(json.dumps(event) if self.run.mode == "json" else line, err=True)
 
 
-def left_to_do(frames: Frames, out: Sequence[Path], resume: bool) -> list[int]:
+def left_to_do(frames: Frames, out: Sequence[Path], resume: bool) -> Sequence[int]:
     """Return the numbers of the frames to render: all, or with `resume` those with a missing file."""
-    numbers = list(range(frames.first, frames.stop))
+    numbers = range(frames.first, frames.stop)
     if not resume:
         return numbers
     return [i for i in numbers if not all(os.path.exists(frames.path(path, i)) for path in out)]

@@ -11,6 +11,7 @@ import typer
 
 from glpath.cli.completion import words
 from glpath.cli.help import command_help
+from glpath.cli.point_files import MAX_LINE
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError
 from glpath.system.files import Save, check_outputs, save_all
@@ -245,6 +246,12 @@ def _table(path: Path, option: str, needed: tuple[str, ...], optional: tuple[str
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"{option} {path}: cannot be read: {reason_of(error)}.") from error
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    longest = max(map(len, lines), default=0)
+    if longest > MAX_LINE:
+        raise UsageError(
+            f"{option} {path}: a line has {longest:,} characters, but at most {MAX_LINE:,} are read.",
+            f"Columns: {','.join((*needed, *optional))}.",
+        )
     rows = list(csv.reader(lines))
     names = [cell.strip().lower() for cell in rows[0]] if rows else []
     missing = [name for name in needed if name not in names]

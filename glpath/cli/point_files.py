@@ -29,6 +29,10 @@ Float64 = NDArray[np.float64]
 AXES = "xyz"
 #: Maximum number of points in a grid or a table.
 MAX_POINTS = 4_000_000
+#: Maximum number of characters in a line of a table.
+MAX_LINE = 65_536
+# Maximum number of characters of the columns that an error lists.
+_SHOWN = 200
 #: Suffixes of the output formats.
 WRITABLE = (".csv", ".npz", ".html", ".png", ".glb", ".vtp")
 
@@ -334,6 +338,12 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
     """Return (line number, cells) of each line except empty lines and comments; decimal commas become points."""
     lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1) if line.strip(' \t,;"')]
     lines = [(i, line) for i, line in lines if not line.lstrip().startswith("#")]
+    for number, line in lines:
+        if len(line) > MAX_LINE:
+            raise UsageError(
+                f"{path}, line {number}: {len(line):,} characters, but at most {MAX_LINE:,} are read.",
+                "Each line is a point: x,y,z,nx,ny,nz.",
+            )
     # Excel may write a first line such as "sep=;", which names the delimiter.
     given = re.fullmatch(r"sep=(.)\s*", lines[0][1], re.IGNORECASE) if lines else None
     if given is not None:
@@ -363,13 +373,13 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
 
 
 def _names(cells: Sequence[str], path: Path, line: int) -> list[str]:
-    names = [cell.lower() for cell in cells]
+    names, columns = [cell.lower() for cell in cells], ", ".join(cells)
     wanted = [*_POINT, *(_NORMAL if set(_NORMAL) & set(names) else ())]
     for name in wanted:
         if names.count(name) != 1:
             raise UsageError(
                 f"{path}, line {line}: has {'no column' if name not in names else 'two columns'} {name}; "
-                f"its columns are {', '.join(cells)}.",
+                f"its columns are {columns if len(columns) <= _SHOWN else f'{columns[:_SHOWN]} ...'}.",
                 "Columns are x, y, z and nx, ny, nz; others are passed over.",
             )
     return names

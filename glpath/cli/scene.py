@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,7 +78,7 @@ def seen(scene: Scene, resolution: tuple[int, int] | None, camera: Mapping[str, 
 def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
     """Load the scene of the argument and of `-D`. Raises SceneError and UsageError; warns as `load_scene`."""
     from glpath.io import load_scene, parameters_from_options
-    from glpath.io.load import scene_from_toml
+    from glpath.io.load import TOO_LARGE, scene_from_toml
     from glpath.io.surroundings import SURROUNDINGS
 
     values = parameters_from_options(parameters or [])
@@ -89,7 +90,8 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
     try:
         content = read_standard_input(MAX_TEXT_BYTES)
     except OSError as error:
-        raise SourceLocation("standard input").error(f"cannot be read: {reason_of(error)}.", _PIPE) from error
+        remedy = TOO_LARGE if error.errno == errno.EFBIG else _PIPE
+        raise SourceLocation("standard input").error(f"cannot be read: {reason_of(error)}.", remedy) from error
     read = scene_from_toml(content, SourceLocation("standard input"), Path(), "scene")
     return load_scene(read, surroundings)
 

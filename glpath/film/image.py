@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -324,6 +324,16 @@ def read_image(path: str | Path, colours: bool = True) -> Float64:
     colours : True to convert an .exr with other primaries to Rec. 709; False for data that are not colours
               (normals)
     """
+    return _read(path, colours).astype(np.float64, copy=False)
+
+
+def read_environment(path: str | Path) -> NDArray[np.float32]:
+    """Read an image as `read_image` does, as float32, which needs less memory for an .hdr."""
+    with np.errstate(over="ignore"):  # values that float32 cannot hold become infinite
+        return _read(path, True).astype(np.float32, copy=False)
+
+
+def _read(path: str | Path, colours: bool) -> NDArray[Any]:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in READABLE:
@@ -368,19 +378,33 @@ def read_exr_channels(path: str | Path) -> tuple[dict[str, NDArray[np.float32]],
         return {name: pixels.astype(np.float32) for name, pixels in channels.items()}, texts
 
 
-def picture_size(path: str | Path) -> tuple[int, int]:
-    """Read (width, height) in pixels from the header of a .png, .jpg, .exr or .hdr. Raises ImageError."""
+class PictureSize(NamedTuple):
+    """Size of a picture by the header of its file.
+
+    width, height : pixels
+    channels      : number of channels
+    channel_bytes : bytes per pixel and channel, uncompressed
+    """
+
+    width: int
+    height: int
+    channels: int
+    channel_bytes: int
+
+
+def picture_size(path: str | Path) -> PictureSize:
+    """Read the size of a .png, .jpg, .exr or .hdr from its header. Raises ImageError."""
     path = Path(path)
     suffix = path.suffix.lower()
     with reading(path, suffix):
         check_file(path)
         if suffix == ".exr":
-            height, width = _exr_header(path)[0]
-            return width, height
+            (height, width), header = _exr_header(path)
+            return PictureSize(width, height, len(header["channels"]), 4)
         if suffix == ".hdr":
             with path.open("rb") as file:
-                return read_header(file).size
-        return _pillow_header(path, suffix)[:2]
+                return PictureSize(*read_header(file).size, 4, 1)
+        return PictureSize(*_pillow_header(path, suffix), 1)
 
 
 def _pillow_header(path: Path, suffix: str) -> tuple[int, int, int]:
@@ -550,18 +574,18 @@ def _read_npy(path: Path) -> Float64:
     return read_npy(path).astype(np.float64)
 
 
-_READERS = {
+_READERS: dict[str, Callable[[Path], Float64 | NDArray[np.float32]]] = {
     ".png": _read_png,
     ".jpg": _read_jpeg,
     ".jpeg": _read_jpeg,
     ".exr": _read_exr,
-    ".hdr": lambda path: read_rgbe(path).astype(np.float64),
+    ".hdr": read_rgbe,
     ".npz": _read_npz,
     ".npy": _read_npy,
 }
 
 
-def _three_channels(image: Float64) -> Float64:
+def _three_channels(image: NDArray[Any]) -> NDArray[Any]:
     """Return (H, W, 3): grey is repeated in three channels, and alpha is dropped."""
     if image.ndim == 2:
         image = image[..., None]

@@ -22,6 +22,10 @@ _RESOLUTION = re.compile(rb"([-+][XY]) (\d{1,9}) ([-+][XY]) (\d{1,9})\n?")
 _MIN_ENCODED = 8
 # Maximum width in pixels of run-length encoded lines. The two bytes for the width cannot hold more.
 _MAX_ENCODED = 0x7FFF
+# Bytes of memory for a decoded pixel: three floats.
+_PIXEL_BYTES = 12
+# Number of rows that are converted to floats at once. More rows need more memory and are not faster.
+_ROWS = 64
 
 
 class Header(NamedTuple):
@@ -69,14 +73,17 @@ def read_rgbe(path: Path) -> NDArray[np.float32]:
         header = read_header(file)
         data = file.read()
     width, height = header.size
-    check_unfolded(4 * width * height, len(data))
-    pixels = np.empty((height, width, 4), np.uint8)
+    check_unfolded(4 * width * height, len(data), _PIXEL_BYTES * width * height)
+    colours = np.empty((height, width, 3), np.float32)
+    pixels = np.empty((_ROWS, width, 4), np.uint8)
     position = 0
-    for row in pixels:
-        position = _read_line(data, position, row)
-    scale = np.ldexp(np.float32(1.0), pixels[..., 3].astype(np.int32) - 136) / np.float32(header.exposure)
-    scale[pixels[..., 3] == 0] = 0.0
-    colours = np.multiply(pixels[..., :3], scale[..., None], dtype=np.float32)
+    for top in range(0, height, _ROWS):
+        block = pixels[: height - top]
+        for row in block:
+            position = _read_line(data, position, row)
+        scale = np.ldexp(np.float32(1.0), block[..., 3].astype(np.int32) - 136) / np.float32(header.exposure)
+        scale[block[..., 3] == 0] = 0.0
+        np.multiply(block[..., :3], scale[..., None], out=colours[top : top + _ROWS], dtype=np.float32)
     left, upwards = header.flips
     return np.ascontiguousarray(colours[:: -1 if upwards else 1, :: -1 if left else 1])
 

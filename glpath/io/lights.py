@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import UNSET, UnsetType
 
 from glpath.errors import warn
-from glpath.film.image import read_image
+from glpath.film.image import read_environment
 from glpath.film.units import Unit, conversion
 from glpath.io import description
 from glpath.io.day_sky import OF_DAYS, day_sky
@@ -348,13 +348,13 @@ def environment_map(
 
     Raises SceneError; warns of clipped values.
     """
-    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, location, read_image)
+    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, location, read_environment)
     negative = np.count_nonzero(stored < 0)
     if negative:
         warn(
             f"{location}: {negative} of {stored.size} values of {path} are below 0, down to {stored.min():.3g}; "
             "they were taken for 0, as light cannot be negative."
         )
-    if stored.max() * scale > LARGEST:
-        raise location.error(f"has radiance up to {stored.max() * scale:.3g}, but allowed is at most {LARGEST:g}.")
-    return Environment(np.maximum(stored, 0.0).astype(np.float32), up, rotation, scale)
+    if (radiance := float(stored.max()) * scale) > LARGEST:
+        raise location.error(f"has radiance up to {radiance:.3g}, but allowed is at most {LARGEST:g}.")
+    return Environment(np.maximum(stored, 0.0, out=stored), up, rotation, scale)

@@ -6,6 +6,7 @@ as `file: shapes[3].material`, the value found, the values allowed, and the desc
 
 from __future__ import annotations
 
+import errno
 import functools
 import operator
 import os
@@ -53,6 +54,10 @@ _TABLES = {"film": (Film,), "camera": get_args(AnyCamera), "sky": (Sky,)}
 _RELATIONS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below"}
 
 
+#: Remedy for a scene of too many bytes.
+TOO_LARGE = "Put its geometry into models, such as .glb or .ply, and name them in [[assets]]."
+
+
 def read_scene_file(path: Path, later: float = 0.0, up: Up = "guess") -> Scene:
     """Return the scene of a TOML file. Raises SceneError. A SceneWarning reports triangles without area.
 
@@ -68,7 +73,8 @@ def read_scene_file(path: Path, later: float = 0.0, up: Up = "guess") -> Scene:
     try:
         content = read_bytes(path, MAX_TEXT_BYTES)
     except OSError as error:
-        remedy = "Check the permissions of the file." if isinstance(error, PermissionError) else ""
+        remedy = TOO_LARGE if error.errno == errno.EFBIG else ""
+        remedy = "Check the permissions of the file." if isinstance(error, PermissionError) else remedy
         raise location.error(f"cannot be read: {reason_of(error)}.", remedy) from error
     return scene_from_toml(content, location, path.parent, path.stem, later, up)
 

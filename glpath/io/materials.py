@@ -34,6 +34,7 @@ from glpath.scene.material import SLOTS
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.scene.slab import clearest, inside_of
 from glpath.scene.source_location import SourceLocation
+from glpath.system.npz import UnfoldedPictures
 
 _COLOURS = (
     "texture",
@@ -202,13 +203,22 @@ def textures(
                 "a displacement.",
                 "Give the picture two names, one for each.",
             )
+    unfolded = UnfoldedPictures()
     return tuple(
-        _texture(name, each, location.field(name), folder, _Use(name in alpha, name not in values, name in shining))
+        _texture(name, each, location.field(name), folder, use, unfolded)
         for name, each in given.items()
+        for use in [_Use(name in alpha, name not in values, name in shining)]
     )
 
 
-def _texture(name: str, given: AnyTexture, location: SourceLocation, folder: Path, use: _Use) -> Texture:
+def _texture(
+    name: str,
+    given: AnyTexture,
+    location: SourceLocation,
+    folder: Path,
+    use: _Use,
+    unfolded: UnfoldedPictures,
+) -> Texture:
     u, v = given.scale if isinstance(given.scale, tuple) else (given.scale, given.scale)
     if not (u > 0 and v > 0):
         raise location.field("scale").wrong(
@@ -216,7 +226,7 @@ def _texture(name: str, given: AnyTexture, location: SourceLocation, folder: Pat
         )
     if isinstance(given, description.Image):
         path = folder / given.file
-        image = _picture(path, location.field("file"), use)
+        image = _picture(path, location.field("file"), use, unfolded)
         bytes_ = image.dtype == np.uint8
         if path.suffix.lower() != ".exr" and not use.colour and not bytes_:
             image = encode_srgb(image.astype(np.float64)).astype(np.float32)
@@ -235,14 +245,16 @@ def _as_stored(path: Path, colours: bool) -> Float64 | NDArray[np.uint8]:
     return read_image(path, colours) if eight_bits is None else eight_bits
 
 
-def _picture(path: Path, location: SourceLocation, use: _Use) -> NDArray[np.float32] | NDArray[np.uint8]:
+def _picture(
+    path: Path, location: SourceLocation, use: _Use, unfolded: UnfoldedPictures
+) -> NDArray[np.float32] | NDArray[np.uint8]:
     """Return the pixels of an image, (h, w, 3) or with alpha (h, w, 4); row 0 is the top.
 
     8-bit images stay uint8 as stored; others become float32, linear Rec. 709. Values of a texture that `shines` may
     be above 1. Raises SceneError; warns of clipped values.
     """
     read = partial(_as_stored, colours=use.colour)
-    stored = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, read)
+    stored = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, read, unfolded)
     if stored.dtype == np.uint8:
         return stored.astype(np.uint8, copy=False)
     if use.shines:

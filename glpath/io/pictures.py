@@ -16,6 +16,7 @@ from glpath.film.image import read_image as read_float_image
 from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.system.files import check_file, reason_of
+from glpath.system.npz import UnfoldedPictures
 
 Image = NDArray[np.uint8] | NDArray[np.float32]
 # Formats that are read, by Pillow's names. Others are seldom used for textures, and for some Pillow runs programs.
@@ -32,11 +33,13 @@ MAX_BYTES = 2**33
 class Pictures:
     """Pictures of one model; each is read once.
 
-    files : finder of the files, with notes on those that are not used
+    files    : finder of the files, with notes on those that are not used
+    unfolded : sizes of the pictures that were decoded
     """
 
     folder: Path
     files: NamedFiles = field(default_factory=NamedFiles)
+    unfolded: UnfoldedPictures = field(default_factory=UnfoldedPictures)
     _known: dict[Path, Image | UnusableError] = field(default_factory=dict)
     _bytes: int = 0
 
@@ -68,7 +71,8 @@ class Pictures:
         try:
             check_file(path)
             if path.suffix.lower() == ".exr":
-                self._check(*picture_size(path), 4)
+                size = picture_size(path)
+                self._check(path, size.width, size.height, size.channels, 4)
                 return read_float_image(path).astype(np.float32)
             import PIL.Image
 
@@ -77,7 +81,7 @@ class Pictures:
                 with PIL.Image.open(path, formats=_FORMATS) as opened:
                     if opened.format in ("JPEG", "MPO"):
                         check_scans(path.read_bytes())
-                    self._check(*opened.size, 4 if opened.mode == "F" else 1)
+                    self._check(path, *opened.size, len(opened.getbands()), 4 if opened.mode == "F" else 1)
                     return pixels_of(opened)
         except UnusableError:
             raise
@@ -86,8 +90,9 @@ class Pictures:
         except Exception as error:  # Pillow's parsers may raise anything
             raise UnusableError(f"which cannot be read: {type(error).__name__}: {reason_of(error)}") from error
 
-    def _check(self, width: int, height: int, bytes_each: int) -> None:
-        self._bytes += 4 * bytes_each * width * height
+    def _check(self, path: Path, width: int, height: int, channels: int, bytes_each: int) -> None:
+        decoded = 4 * bytes_each * width * height
+        self._bytes += decoded
         if max(width, height) > MAX_TEXTURE_SIDE or width * height > MAX_TEXTURE_PIXELS:
             raise UnusableError(
                 f"of {width:,} x {height:,} pixels, more than {MAX_TEXTURE_SIDE:,} a side or "
@@ -95,6 +100,7 @@ class Pictures:
             )
         if self._bytes > MAX_BYTES:
             raise UnusableError(f"which brings the pictures of the model beyond {MAX_BYTES:,} bytes")
+        self.unfolded.add(channels * bytes_each * width * height, path.stat().st_size, decoded)
 
 
 def pixels_of(opened: Any) -> Image:

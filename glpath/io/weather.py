@@ -35,6 +35,8 @@ WEATHER_FILES = (".epw", ".csv")
 TYPICAL_YEAR = 2023
 # Maximum size of a file in bytes: ten times the size of a year.
 _MAX_BYTES = 2**24
+# Maximum number of lines of a file: a leap year of one-minute steps, and a head.
+_MAX_LINES = 527_040 + 100
 # Values from this one on mark missing irradiance, W m^-2.
 _MISSING = 9000.0
 # Number of lines before the first hour of an EPW file.
@@ -157,6 +159,11 @@ def read_weather(path: Path | str) -> Weather:
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {reason_of(error)}.", "Check the name.") from None
     text = raw.decode("utf-8-sig") if _is_utf8(raw) else raw.decode("latin-1")
+    lines = max(text.count("\n"), text.count("\r"))
+    if lines > _MAX_LINES:
+        raise SceneError(
+            f"{path}: has {lines:,} lines, but a weather file has at most {_MAX_LINES:,}.", "Give one row an hour."
+        )
     table, site, begin = _epw(text, path) if path.suffix.lower() == ".epw" else _tmy3(text, path)
     return _checked(table, site, begin, str(path))
 

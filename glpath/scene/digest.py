@@ -35,6 +35,8 @@ LATER = {
 }
 
 _Update = Callable[[bytes], None]
+# Number of values of an array that are converted and hashed at once.
+_BLOCK = 1 << 20
 
 
 def digest_of(*values: object) -> str:
@@ -74,9 +76,11 @@ def _add(value: object, update: _Update) -> None:
             _add(each, update)
     elif isinstance(value, np.ndarray):
         kept = value.dtype == np.uint8  # images are hashed without conversion, because they are large
-        array = value if kept else value.astype("<f8" if value.dtype.kind == "f" else "<i8", copy=False)
-        update(f"array {array.dtype} {array.shape} ".encode())
-        update(np.ascontiguousarray(array).tobytes())
+        dtype = value.dtype if kept else np.dtype("<f8" if value.dtype.kind == "f" else "<i8")
+        update(f"array {dtype} {value.shape} ".encode())
+        flat = np.ascontiguousarray(value).reshape(-1)
+        for start in range(0, len(flat), _BLOCK):  # a converted copy of a large image would need much memory
+            update(flat[start : start + _BLOCK].astype(dtype, copy=False).tobytes())
     elif isinstance(value, bool | int | float | np.generic):
         update(b"number" + np.array(value, "<f8").tobytes())
     else:

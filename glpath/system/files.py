@@ -77,8 +77,8 @@ _WITHOUT_LINKS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | ge
 
 #: Maximum size of a file that is read as a whole, bytes.
 MAX_FILE_BYTES = 2**32
-#: Maximum size of a text file, such as a scene, a job or a year of weather, bytes.
-MAX_TEXT_BYTES = 2**28
+#: Maximum size of a scene or a job in TOML or JSON, bytes. It takes up to 5 s to parse.
+MAX_TEXT_BYTES = 2**23
 # Maximum size of data from a pipe, whose size is unknown in advance, bytes.
 _MAX_PIPE_BYTES = 2**28
 # Maximum wait for a writer of a named pipe, seconds. After it, reading fails.

@@ -13,6 +13,7 @@ import math
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -29,6 +30,8 @@ _HEADER = 4096
 _UNFOLDED = 256 << 20
 # Maximum ratio of uncompressed to stored bytes for larger data. Above it the data are rejected.
 _RATIO = 64
+# The same for all pictures of a model together. Lossy pictures of smooth surfaces reach a ratio of 200.
+_PICTURES_RATIO = 256
 
 
 class Arrays:
@@ -113,6 +116,29 @@ def check_unfolded(unfolded: int, stored: int, decoded: int = 0) -> None:
         raise ValueError(
             f"{stored} bytes in it unfold to {memory / 1e9:,.3g} GB; no more than {_RATIO} times is read"
         )
+
+
+@dataclass
+class UnfoldedPictures:
+    """Sums of the sizes of all pictures of a model in bytes, which `add` limits as `check_unfolded` does."""
+
+    unfolded: int = 0
+    stored: int = 0
+    decoded: int = 0
+
+    def add(self, unfolded: int, stored: int, decoded: int) -> None:
+        """Count a picture before it is decoded. Raises ValueError if the sums become too large.
+
+        A picture that is refused is not counted. The parameters are those of `check_unfolded`.
+        """
+        sums = self.unfolded + unfolded, self.stored + stored, self.decoded + decoded
+        memory = max(sums[0], sums[2])
+        if memory > _UNFOLDED and sums[0] > _PICTURES_RATIO * sums[1]:
+            raise ValueError(
+                f"with the pictures before it, {sums[1]:,} bytes unfold to {memory / 1e9:,.3g} GB; no more than "
+                f"{_PICTURES_RATIO} times is read, so make large plain pictures smaller"
+            )
+        self.unfolded, self.stored, self.decoded = sums
 
 
 def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype[Any], int]:

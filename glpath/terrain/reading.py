@@ -34,6 +34,8 @@ CLOUD_SUFFIXES = (".las", ".laz")
 _WORLD_FILES = (".tfw", ".tifw", ".wld")
 # Maximum size of a world file, bytes.
 _MAX_WORLD_BYTES = 4096
+# Maximum size of an ASCII grid whose heights are counted even if they cannot be as many as its header says, bytes.
+_COUNTED_BYTES = 1 << 20
 
 # Memory in bytes of a sample while a height field is checked, and of a point of a point cloud while it is read.
 _DECODED_SAMPLE, _DECODED_POINT = 12, 48
@@ -148,7 +150,15 @@ def _ascii_grid(path: Path, holes: bool) -> HeightField:
             raise SceneError(f"{path}: {name} is {header[name]:g} where a whole number is needed.")
     columns, rows = int(header["ncols"]), int(header["nrows"])
     apart = (header.get("dx", header.get("cellsize", 0.0)), header.get("dy", header.get("cellsize", 0.0)))
-    words = content[position:].split()
+    count = columns * rows
+    # Each height has a digit, and a blank before the next. Those of a small file are counted below.
+    if len(content) > _COUNTED_BYTES and 2 * count - 1 > len(content) - position:
+        raise SceneError(
+            f"{path}: {rows} x {columns} heights are announced, which do not fit in {len(content):,} bytes."
+        )
+    words = content[position:].split(None, min(count, len(content)))
+    if len(words) > count:
+        raise SceneError(f"{path}: has more than {count:,} heights where {rows} x {columns} are announced.")
     try:
         if b"_" in content[position:]:
             raise ValueError
@@ -221,6 +231,7 @@ def _geotiff(path: Path, holes: bool) -> HeightField:
             wkt = crs.to_wkt() if crs is not None else ""
         beside = path.with_name(f"{path.name}.msk")
         if os.path.isfile(beside):
+            _check_beside(beside, path)
             with _opened_tiff(beside, rasterio) as raster:
                 if (raster.count, raster.shape) != (1, heights.shape):
                     found = f"{raster.count} bands of {raster.width:,} x {raster.height:,}"
@@ -267,11 +278,21 @@ def _transform(path: Path, raster: Any) -> Any:
     beside = _world_file(path)
     if beside is None:
         return raster.transform
+    _check_beside(beside, path)
     try:
         a, d, b, e, x, y = map(float, read_bytes(beside, _MAX_WORLD_BYTES).split())
-    except ValueError as error:
-        raise SceneError(f"{beside}: is no world file of six numbers: {error}.") from error
+    except ValueError:  # whose text would quote the file
+        raise SceneError(f"{beside}: is no world file of six numbers.", "Remove it, or write it anew.") from None
     return type(raster.transform)(a, b, x - 0.5 * (a + b), d, e, y - 0.5 * (d + e))
+
+
+def _check_beside(beside: Path, path: Path) -> None:
+    """Raise SceneError if a file beside a TIFF is a link that leads out of the folder of the TIFF."""
+    folders = {path.parent.resolve(), path.resolve().parent}
+    if beside.resolve().parent not in folders:
+        raise SceneError(
+            f"{beside}: is a link to a file outside the folder of {path.name}.", "Copy the file there."
+        )
 
 
 def _world_file(path: Path) -> Path | None:

@@ -144,6 +144,10 @@ def test_frames_of_another_scene_or_kind_of_camera_are_rendered_alike(scene):
     [
         (("--frames", "3"), "--frames 3: expected A:B"),
         (("--frames", "3:3"), "of which B is greater"),
+        (("--frames", "0:100001"), "100,001 frames, but one call renders at most 100,000"),
+        (("--frames", "7:100000000"), "Render a part at a time: --frames 7:100007"),
+        (("--frames", "0:1000000000"), "the number of a frame must be at most 999,999,999"),
+        (("--turntable", 1_000_000_000), "--turntable 1000000000: must be at most 100,000"),
         (("--frames", "0:2", "--turntable", 2), "--frames beside --turntable"),
         (("--frames", "0:2", "--fps", 0), "--fps 0: must be above 0"),
         (("--frames", "0:2", "-o", "a_{.png"), "does not hold the number of a frame"),

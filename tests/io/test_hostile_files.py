@@ -6,17 +6,25 @@ import struct
 import subprocess
 import sys
 import time
+import tracemalloc
 import warnings
 import zlib
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import PIL.Image
 import pytest
 
 import glpath
-from glpath.errors import GlpathError
+from glpath.cli.point_files import read_points
+from glpath.errors import GlpathError, ImageError
+from glpath.film.image import read_environment
 from glpath.io.mitsuba.document import read_document
+from glpath.io.weather import read_weather
+from glpath.rendering import RenderJob
+from glpath.scene.digest import digest_of
+from glpath.terrain.reading import load_height_field
 from tests.support import honeybee_model
 
 SCENE = '<scene version="3.0.0">{}<shape type="rectangle"/></scene>'
@@ -126,6 +134,111 @@ def serialized(vertices: int, faces: int, data: bytes, flags: int = 0x1000) -> b
     packed = pack.compress(struct.pack("<I", flags) + b"a\0" + struct.pack("<QQ", vertices, faces))
     packed += pack.compress(data) + pack.flush()
     return struct.pack("<HH", 0x041C, 4) + packed + struct.pack("<QI", 0, 1)
+
+
+def png_bomb(side: int) -> bytes:
+    """A black PNG of one bit a pixel, which is packed to a thousandth of its bits."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    rows = zlib.compress(bytes((1 + side // 8) * side), 9)
+    head = struct.pack(">IIBBBBB", side, side, 1, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+def textured_toml(names: list[str]) -> str:
+    rows = ["[camera]\nposition = [0, 0, 5]\ntarget = [0, 0, 0]\n[sky]\nzenith = [1, 1, 1]\nhorizon = [1, 1, 1]\n"]
+    for i, name in enumerate(names):
+        rows.append(f'[textures.t{i}]\ntype = "image"\nfile = "{name}"\n[materials.m{i}]\ntexture = "t{i}"\n')
+        rows.append(f'[[shapes]]\ntype = "sphere"\nradius = 1\nmaterial = "m{i}"\n')
+    return "".join(rows)
+
+
+def textured_xml(names: list[str]) -> str:
+    bitmap = '<texture type="bitmap" name="reflectance"><string name="filename" value="{}"/></texture>'
+    shape = '<shape type="sphere"><bsdf type="diffuse">{}</bsdf></shape>'
+    return SCENE.format("".join(shape.format(bitmap.format(name)) for name in names))
+
+
+@pytest.fixture
+def small_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Limits of memory that two pictures of 512 x 512 pixels exceed, instead of two of 8192 x 8192."""
+    monkeypatch.setattr("glpath.system.npz._UNFOLDED", 4 * 512 * 512)
+
+
+@pytest.mark.usefixtures("small_limit")
+@pytest.mark.filterwarnings("ignore::glpath.SceneWarning")
+@pytest.mark.parametrize(
+    ("scene", "suffix"), [(textured_toml, "png"), (textured_xml, "png"), (textured_xml, "gif")]
+)
+def test_pictures_that_unfold_to_much_together_are_refused(
+    scene: Callable[[list[str]], str], suffix: str, tmp_path: Path
+) -> None:
+    names = [f"t{i}.{suffix}" for i in range(3)]
+    for name in names:
+        if suffix == "png":
+            (tmp_path / name).write_bytes(png_bomb(512))
+        else:
+            PIL.Image.new("P", (512, 512)).save(tmp_path / name)
+    path = tmp_path / ("a.toml" if scene is textured_toml else "a.xml")
+    path.write_text(scene(names[:1]))
+    glpath.load_scene(path)
+    path.write_text(scene(names))
+    with pytest.raises(glpath.SceneError, match=r"t1\..* unfold to .* no more than 256 times"):
+        glpath.load_scene(path)
+
+
+@pytest.mark.usefixtures("small_limit")
+def test_pictures_of_an_obj_that_unfold_to_much_together_are_left_out(tmp_path: Path) -> None:
+    """The first is used, and a picture of noise after those that are left out is, too."""
+    rows, materials = ["mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"], []
+    for i in range(4):
+        (tmp_path / f"t{i}.png").write_bytes(png_bomb(512))
+        rows.append(f"usemtl m{i}\nf 1/1 2/2 3/3\n")
+        materials.append(f"newmtl m{i}\nKd 0.5 0.5 0.5\nmap_Kd t{i}.png\n")
+    noise = np.random.default_rng(0).integers(0, 256, (64, 64, 3), np.uint8)
+    PIL.Image.fromarray(noise).save(tmp_path / "t3.png")
+    (tmp_path / "a.obj").write_text("".join(rows))
+    (tmp_path / "a.mtl").write_text("".join(materials))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = glpath.load_scene(tmp_path / "a.obj")
+    assert any("unfold to" in str(each.message) for each in caught)
+    assert [texture.image.shape[0] for texture in scene.textures] == [512, 64]
+
+
+def test_a_picture_with_much_detail_may_be_large(tmp_path: Path, small_limit: None) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (512, 512, 3), np.uint8)
+    for i in range(3):
+        PIL.Image.fromarray(noise).save(tmp_path / f"t{i}.png")
+    (tmp_path / "a.toml").write_text(textured_toml([f"t{i}.png" for i in range(3)]))
+    with warnings.catch_warnings(record=True):
+        assert len(glpath.load_scene(tmp_path / "a.toml").textures) == 3
+
+
+def test_a_large_environment_is_read_and_hashed_with_one_copy(tmp_path: Path) -> None:
+    """The file has a third of the bytes of its floats."""
+    width, height = 4096, 1024
+    head = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n".encode()
+    (tmp_path / "e.hdr").write_bytes(head + bytes([7, 7, 7, 128]) * (width * height))
+    tracemalloc.start()
+    image = read_environment(tmp_path / "e.hdr")
+    digest_of(image)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert image.shape == (height, width, 3)
+    assert np.all(image == image[0, 0, 0])
+    assert peak < 1.6 * image.nbytes
+
+
+def test_an_environment_of_repeated_pixels_does_not_unfold_without_limit(tmp_path: Path) -> None:
+    """A pixel (1, 1, 1, n) repeats the one before: four bytes are 255 pixels."""
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4096 +X 8192\n"
+    line = bytes([9, 9, 9, 128]) + b"".join(bytes([1, 1, 1, n]) for n in (255, 31))  # 1 + 255 + 31 * 256 pixels
+    (tmp_path / "e.hdr").write_bytes(head + line * 4096)
+    with pytest.raises(ImageError, match="no more than 64 times"):
+        read_environment(tmp_path / "e.hdr")
 
 
 def scene_with(folder: Path, content: bytes) -> Path:
@@ -281,6 +394,55 @@ def test_a_polygon_of_very_many_corners_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text(rows + "f " + " ".join(map(str, range(1, count + 1))) + "\n")
     with pytest.raises(glpath.SceneError, match=r"a\.obj: .*20,000 corners, but 16,384 are the most"):
         glpath.load_scene(tmp_path / "a.obj")
+
+
+def test_a_scene_of_very_many_bytes_is_refused_with_a_remedy(tmp_path: Path) -> None:
+    """Its text alone would take half a minute."""
+    (tmp_path / "a.toml").write_bytes(b"\n" * (200 << 20))
+    with pytest.raises(glpath.SceneError, match=r"more than the 8,388,608 bytes(.|\n)*\[\[assets\]\]"):
+        glpath.load_scene(tmp_path / "a.toml")
+    (tmp_path / "job.json").write_bytes(b" " * (9 << 20))
+    with pytest.raises(glpath.UsageError, match=r"job\.json: cannot be read as a render job: it has .* bytes"):
+        RenderJob.load(tmp_path / "job.json")
+
+
+def test_a_file_that_is_no_spectrum_or_scene_is_not_quoted(tmp_path: Path) -> None:
+    (tmp_path / "secret.txt").write_text("hidden:x:0:0\n")
+    spectrum = '<bsdf type="diffuse"><spectrum name="reflectance" filename="secret.txt"/></bsdf>'
+    for text in ('<include filename="secret.txt"/>', f'<shape type="cube">{spectrum}</shape>'):
+        (tmp_path / "a.xml").write_text(SCENE.format(text))
+        with pytest.raises(glpath.SceneError, match=r"secret\.txt") as caught:
+            glpath.load_scene(tmp_path / "a.xml")
+        assert "hidden" not in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", [".epw", ".csv"])
+def test_weather_of_very_many_rows_is_refused_before_its_table_is_made(suffix: str, tmp_path: Path) -> None:
+    (tmp_path / f"a{suffix}").write_text("LOCATION,A,B,C,D,1,0,0,0,0\n" + "1\n" * 8_000_000)
+    with pytest.raises(glpath.SceneError, match=r"has 8,000,001 lines, but a weather file has at most 527,140"):
+        read_weather(tmp_path / f"a{suffix}")
+
+
+def test_an_ascii_grid_is_parsed_to_its_last_height(tmp_path: Path) -> None:
+    header = "ncols {}\nnrows 2\ncellsize 1\n"
+    (tmp_path / "a.asc").write_text(header.format(2) + "11 " * 5_000_000)
+    tracemalloc.start()
+    with pytest.raises(glpath.SceneError, match="has more than 4 heights where 2 x 2 are announced"):
+        load_height_field(tmp_path / "a.asc")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 5 * 15_000_000
+    (tmp_path / "a.asc").write_text(header.format(10**18) + "11 " * 5_000_000)
+    with pytest.raises(glpath.SceneError, match=r"do not fit in 15,000,0\d\d bytes"):
+        load_height_field(tmp_path / "a.asc")
+
+
+@pytest.mark.parametrize("text", ["1," * 1_000_000, "a," * 1_000_000 + "\n1,2,3\n", "a," * 30_000 + "\n1,2\n"])
+def test_a_table_of_points_with_very_many_columns_is_refused_briefly(text: str, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(glpath.UsageError, match=r"a\.csv, line 1: ") as caught:
+        read_points(tmp_path / "a.csv", None)
+    assert len(str(caught.value)) < 600
 
 
 def test_a_mesh_file_of_very_many_parts_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

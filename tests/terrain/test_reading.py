@@ -266,6 +266,24 @@ def test_a_mask_and_a_world_file_beside_a_tiff_are_read_as_gdal_does(
         load_height_field(path)
 
 
+@pytest.mark.filterwarnings("ignore:.*(geotransform|identity)")
+@pytest.mark.parametrize("name", ["a.tfw", "a.tif.msk"])
+def test_a_link_beside_a_tiff_that_leads_out_of_its_folder_is_refused(
+    name: str, rasterio: Any, tmp_path: Path
+) -> None:
+    """A link within the folder is followed, and an error does not quote the file."""
+    folder = tmp_path / "data"
+    folder.mkdir()
+    path = tiff(rasterio, folder / "a.tif", **({"transform": None} if name == "a.tfw" else {}))
+    for secret, message in ((tmp_path / "s.txt", "link to a file outside the folder"), (folder / "s.txt", name)):
+        secret.write_text("hidden:x:0:0")
+        (folder / name).unlink(missing_ok=True)
+        (folder / name).symlink_to(secret)
+        with pytest.raises(glpath.SceneError, match=message) as caught:
+            load_height_field(path)
+        assert "hidden" not in str(caught.value)
+
+
 def test_a_tiff_of_a_few_bytes_does_not_fill_the_memory(rasterio: Any, tmp_path: Path) -> None:
     made = {"width": 60_000, "height": 60_000, "count": 1, "dtype": "float32", "tiled": True}
     transform = rasterio.Affine(1, 0, 5, 0, -1, 5)

@@ -27,6 +27,7 @@ from glpath.io.named_files import NamedFiles, UnusableError, named_file
 from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import read_bytes, reason_of
+from glpath.system.npz import UnfoldedPictures
 
 SUFFIXES = (".gltf", ".glb")
 #: Extensions that are read.
@@ -79,11 +80,12 @@ class Notes:
 class Document:
     """Open glTF file.
 
-    root   : root object of the JSON
-    folder : folder at which relative paths start and which they must not leave
-    binary : BIN chunk of a .glb
-    stored : number of bytes read so far, from the file and from the files that it names
-    files  : named files that were found elsewhere, and images that are not used
+    root     : root object of the JSON
+    folder   : folder at which relative paths start and which they must not leave
+    binary   : BIN chunk of a .glb
+    stored   : number of bytes read so far, from the file and from the files that it names
+    files    : named files that were found elsewhere, and images that are not used
+    unfolded : sizes of the images that were decoded
     """
 
     root: Table
@@ -93,6 +95,7 @@ class Document:
     stored: int = 0
     notes: Notes = field(default_factory=Notes)
     files: NamedFiles = field(default_factory=NamedFiles)
+    unfolded: UnfoldedPictures = field(default_factory=UnfoldedPictures)
     _buffers: dict[int, bytes] = field(default_factory=dict)
     _views: dict[int, memoryview] = field(default_factory=dict)
     _lists: dict[str, Tables] = field(default_factory=dict)

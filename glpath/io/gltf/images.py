@@ -48,7 +48,7 @@ def read_image(document: Document, table: Table) -> NDArray[Any]:
             "Convert it, and export the file anew.",
         )
     try:
-        width, height = _size(data, kind)
+        width, height, channels = _size(data, kind)
     except Exception as error:  # Pillow's parsers raise all kinds of exceptions
         raise _broken(table.location, error) from error
     if not (
@@ -60,6 +60,10 @@ def read_image(document: Document, table: Table) -> NDArray[Any]:
             "Make the image smaller.",
         )
     document.take(4 * width * height, table.location)
+    try:
+        document.unfolded.add(channels * width * height, len(data), 4 * width * height)
+    except ValueError as error:
+        raise _broken(table.location, error) from error
     if kind == "KTX2":
         return compression.ktx2(data, table.location)
     try:
@@ -81,14 +85,14 @@ def _format(data: bytes) -> str | None:
     return next((name for magic, name in _FORMATS.items() if data.startswith(magic)), None)
 
 
-def _size(data: bytes, kind: str) -> tuple[int, int]:
+def _size(data: bytes, kind: str) -> tuple[int, int, int]:
+    """Return width, height and the number of channels; for KTX 2 the bytes per pixel in its compressed blocks."""
     if kind == "KTX2":
-        width, height = struct.unpack_from("<II", data, 20)
-        return width, height
+        return *struct.unpack_from("<II", data, 20), 1
     if kind == "WEBP":
-        return _webp_size(data)
+        return *_webp_size(data), 3
     with _opened(data, kind) as opened:
-        return int(opened.size[0]), int(opened.size[1])
+        return int(opened.size[0]), int(opened.size[1]), len(opened.getbands())
 
 
 def _webp_size(data: bytes) -> tuple[int, int]:

@@ -7,6 +7,8 @@ MAX_JSON_VALUES = 2**23
 #: Maximum nesting depth of the JSON.
 MAX_JSON_DEPTH = 64
 MAX_NODES = 2**20
+#: Maximum depth of the tree of nodes.
+MAX_NODE_DEPTH = 10_000
 MAX_ACCESSORS = 2**20
 #: Maximum number of elements of an accessor without a buffer view. They are zeros, so even a tiny file can ask for
 #: many.

@@ -12,6 +12,7 @@ import numpy as np
 
 from glpath.io.gltf.accessors import Accessors
 from glpath.io.gltf.document import Document
+from glpath.io.gltf.limits import MAX_NODE_DEPTH
 from glpath.io.gltf.table import Table, Tables
 from glpath.io.values import LARGEST
 from glpath.scene.model import Float64
@@ -52,8 +53,14 @@ class Nodes:
         parent = _parents(tables, children)
         visited = 0
         level = np.array([index for index in range(len(tables)) if index not in parent], np.int64)
+        depth = 0
         while len(level):
             visited += len(level)
+            depth += 1
+            if depth > MAX_NODE_DEPTH:
+                raise tables[int(level[0])].location.error(
+                    f"is a child of a child ... more than {MAX_NODE_DEPTH:,} deep.", "Join nodes without meshes."
+                )
             if not np.all(np.abs(world[level]) <= LARGEST):
                 index = int(level[np.argmin(np.all(np.abs(world[level]) <= LARGEST, axis=(1, 2)))])
                 raise tables[index].location.error(

@@ -15,13 +15,15 @@ from xml.parsers import expat
 from glpath.errors import SceneError
 from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation, shown
-from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
+from glpath.system.files import read_bytes, reason_of
 from glpath.system.suggestions import listed_names, similar_names
 
 _DEEPEST = 15  # maximum depth of nested includes, as in Mitsuba
 _NESTED = 100  # maximum depth of nested elements
 # Maximum number of elements in a scene with its includes.
 _MAX_ELEMENTS = 2**19
+# Maximum number of bytes of a scene with its includes.
+_MAX_BYTES = 2**28
 # Maximum number of files of a scene with its includes.
 _MAX_FILES = 2**10
 # Maximum total length, in characters, of the values that replace `$name`s in a scene with its includes.
@@ -172,7 +174,7 @@ class _Reader:
         if self._files > _MAX_FILES:
             raise location.error(f"is the include after {_MAX_FILES:,} files; no more are read.")
         try:
-            content = read_bytes(path, MAX_TEXT_BYTES - self._bytes)
+            content = read_bytes(path, _MAX_BYTES - self._bytes)
         except OSError as error:
             raise location.error(f"cannot be read: {reason_of(error)}.") from error
         self._bytes += len(content)

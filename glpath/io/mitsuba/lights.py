@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.image import read_image
+from glpath.film.image import read_environment
 from glpath.io.description import MAX_ENVIRONMENT_PIXELS
 from glpath.io.lights import MAPS
 from glpath.io.mitsuba.document import error_of_kind
@@ -104,9 +104,9 @@ def _environment(plugin: Plugin) -> Environment:
     where = plugin.where("filename")
     path = plugin.element.file(plugin.text("filename"))
     scale, world = plugin.number("scale", 1.0, 0.0), plugin.transform("to_world")
-    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, where, read_image)
+    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, where, read_environment)
     plugin.flag("mis_compensation", False)  # only affects sampling, not the radiance
-    image = np.maximum(stored[..., :3], 0.0).astype(np.float32)
+    image = np.maximum(stored, 0.0, out=stored)
     map_from_world = plugin.inverse_transform("to_world")[:3, :3]
     if not np.allclose(map_from_world @ map_from_world.T, np.eye(3), atol=1e-5):
         return Environment(_stretched(image, map_from_world), scale=scale)

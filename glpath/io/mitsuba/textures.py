@@ -27,6 +27,7 @@ from glpath.io.scene_pictures import stored_picture
 from glpath.scene.geometry import Float64
 from glpath.scene.material import Texture, TextureSlot, Wrap
 from glpath.scene.source_location import SourceLocation
+from glpath.system.npz import UnfoldedPictures
 from glpath.system.terminal import encodable
 
 _KINDS = ("bitmap", "checkerboard", "rawconstant", "uniform", "srgb")
@@ -90,6 +91,7 @@ class Textures:
         self._slots: dict[int, TextureSlot] = {}
         self._bitmaps: dict[tuple[object, ...], Look] = {}
         self._files: dict[tuple[Path, bool], NDArray[np.uint8] | NDArray[np.float32]] = {}
+        self._unfolded = UnfoldedPictures()
 
     def numbers(self, plugin: Plugin) -> Look:
         """Return the image of a texture of numbers, not colours, like `look`.
@@ -146,7 +148,7 @@ class Textures:
             path = self._elsewhere(plugin, name) or path
         key = (path, raw)
         if key not in self._files:
-            self._files[key] = _picture(path, where, raw)
+            self._files[key] = _picture(path, where, raw, self._unfolded)
         image = self._files[key]
         if raw and image.dtype != np.uint8 and path.suffix.lower() == ".png":
             raise where.error(
@@ -167,19 +169,22 @@ class Textures:
         return self._bitmaps[same]
 
 
-def _picture(path: Path, location: SourceLocation, raw: bool) -> NDArray[np.uint8] | NDArray[np.float32]:
+def _picture(
+    path: Path, location: SourceLocation, raw: bool, unfolded: UnfoldedPictures
+) -> NDArray[np.uint8] | NDArray[np.float32]:
     """Return the (h, w, 3) image of a file; grey, with a warning, if the file is missing. Raises SceneError."""
     if not os.path.exists(path):
         text = f"{location} names the picture {path}, which does not exist: grey stands in for it."
         warn_at(str(location), {"pictures that do not exist, for which grey stands in,": 1}, text)
         return np.full((1, 1, 3), _GREY, np.uint8)
     if path.suffix.lower() not in FORMATS:
+        pictures = Pictures(path.parent, unfolded=unfolded)
         try:
-            return np.ascontiguousarray(np.maximum(Pictures(path.parent).read(path.name)[..., :3], 0))
+            return np.ascontiguousarray(np.maximum(pictures.read(path.name)[..., :3], 0))
         except UnusableError as error:
             raise location.error(f"names the picture {path}, {error}.", "Convert it to PNG.") from error
     return stored_picture(
-        path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, partial(_stored, colours=not raw)
+        path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, partial(_stored, colours=not raw), unfolded
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import os
+import re
 import struct
 import time
 import warnings
@@ -179,6 +180,25 @@ def test_a_picture_of_a_billion_pixels_is_refused_by_its_header(tmp_path: Path) 
     (tmp_path / "large.png").write_bytes(png)
     error = refused(changed(tmp_path, set_at("images", 0, value={"uri": "large.png"})))
     assert "40,000" in str(error)
+
+
+def test_pictures_that_unfold_to_much_together_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glpath.system.npz._UNFOLDED", 4 * 512 * 512)
+    file = Gltf()
+    textures = [file.texture(np.zeros((512, 512, 3), np.uint8)) for _ in range(3)]
+    materials = [file.add("materials", pbrMetallicRoughness={"baseColorTexture": {"index": i}}) for i in textures]
+    for material in materials:
+        file.node(mesh=file.mesh(TEXCOORD_0=[[0, 0], [1, 0], [0, 1]], material=material))
+    (tmp_path / "model.gltf").write_text(json.dumps(file.whole()))
+    assert re.search(r"images\[1\] .* no more than 256 times", str(refused(tmp_path / "model.gltf")))
+
+
+def test_a_very_deep_chain_of_nodes_is_refused(tmp_path: Path) -> None:
+    def chain(document: dict[str, Any]) -> None:
+        count = len(document["nodes"])
+        document["nodes"] += [{"children": [count + i + 1]} for i in range(20_000)] + [{}]
+
+    assert "more than 10,000 deep" in str(refused(changed(tmp_path, chain)))
 
 
 def test_jpeg_of_many_scans_is_refused(tmp_path: Path) -> None:
