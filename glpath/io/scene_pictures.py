@@ -12,6 +12,7 @@ from glpath.film.image import picture_size
 from glpath.io.description import MAX_TEXTURE_SIDE
 from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation
+from glpath.system.time_limit import named_work
 
 _Picture = TypeVar("_Picture")
 
@@ -48,7 +49,8 @@ def stored_picture(
                 f"{MAX_TEXTURE_SIDE:,} pixels a side and {max_pixels:,} in all.",
                 "Make the picture smaller, or cut out what is needed.",
             )
-        return read(path)
+        with named_work(f"reading {path.name}"):
+            return read(path)
     except ImageError as error:
         raise location.error(
             f"names a picture that cannot be used. {error}",
