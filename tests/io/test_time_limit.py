@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import glpath
 from glpath.errors import TimeLimitError
 from glpath.system.time_limit import limited
-from tests.support.check_gaps import check_gaps
+from tests.support.check_gaps import check_gaps, grid
 from tests.support.clock import Clock
 
 #: Models have neither camera nor light.
@@ -23,17 +23,6 @@ pytestmark = pytest.mark.filterwarnings("ignore::glpath.SceneWarning")
 SIDE = 160
 #: Largest fraction of the reading time that may pass between two checks.
 LARGEST_GAP = 0.5
-
-
-def grid(side: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the vertices (V, 3) and the faces (F, 3) of a wavy square."""
-    x, z = (each.ravel() for each in np.meshgrid(*2 * [np.linspace(-2.0, 2.0, side + 1)]))
-    corner = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
-    above = corner + side + 1
-    faces = np.concatenate(
-        [np.stack([corner, above, corner + 1], axis=1), np.stack([corner + 1, above, above + 1], axis=1)]
-    )
-    return np.stack([x, 0.2 * np.sin(3 * x) * np.cos(2 * z), z], axis=1), faces
 
 
 def rows(words: str, values: NDArray[np.number]) -> str:
