@@ -264,6 +264,7 @@ def _parts(scene: Scene, density: Float64) -> list[Part]:
         count = len(mesh.faces)
         for side in range(2):
             for wanted in densities:
+                check_time(_PACKING)
                 those = np.flatnonzero(density[first : first + count, side] == wanted)
                 if many and len(those) > _WHOLE:
                     # In object space, so that all instances of a mesh are cut alike.
@@ -280,6 +281,7 @@ def _patches(middles: Float64, triangles: Int64) -> list[Int64]:
 
     middles : (T, 3) centroids in integer steps; ties keep the order of the triangles
     """
+    check_time(_PACKING)
     if len(triangles) <= _PATCH:
         return [np.sort(triangles)]
     points = middles[triangles]
@@ -387,6 +389,7 @@ def _alike(scene: Scene, parts: list[Part]) -> tuple[Int64, Float64]:
     instances = list(scene.shapes.mesh_instances())
     start = np.cumsum([0, *(len(mesh.faces) for _, mesh, _ in instances)])
     for i, (triangles, side, density) in enumerate(parts):
+        check_time(_PACKING)
         number = int(np.searchsorted(start, triangles[0], side="right")) - 1
         _, mesh, world_from_mesh = instances[number]
         gram = world_from_mesh[:, :3].T @ world_from_mesh[:, :3]

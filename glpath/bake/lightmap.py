@@ -45,6 +45,7 @@ from glpath.rendering.run_options import RunOptions
 from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
 from glpath.sensors.sensor import PointSensor
+from glpath.system.time_limit import named_work
 
 Float32 = NDArray[np.float32]
 Bools = NDArray[np.bool_]
@@ -103,16 +104,17 @@ class Surfaces:
         Raises UsageError and SceneError. Warns SceneWarning of streams, which are not baked.
         """
         check_density(texels, size, uv)
-        whole = path_traceable(scene.at(), streams=True)
-        still = in_memory(whole)
-        if not len(still.triangles):
-            raise _without_surfaces(whole)
-        _check_shines(still)
-        streamed = StreamedRays(whole, geometry_budget) if whole.shapes.streams else None
-        if streamed is not None:
-            _warn_of_streams(whole)
-        sides = Sides.of(still, streamed=streamed is not None)
-        area = float((still.areas[:, None] * sides.density**2).sum())
+        with named_work("finding the sides that get texels"):
+            whole = path_traceable(scene.at(), streams=True)
+            still = in_memory(whole)
+            if not len(still.triangles):
+                raise _without_surfaces(whole)
+            _check_shines(still)
+            streamed = StreamedRays(whole, geometry_budget) if whole.shapes.streams else None
+            if streamed is not None:
+                _warn_of_streams(whole)
+            sides = Sides.of(still, streamed=streamed is not None)
+            area = float((still.areas[:, None] * sides.density**2).sum())
         require_memory(
             _BYTES * (_FILLED * (size or DEFAULT_SIZE) ** 2 if texels is None else area * float(texels) ** 2),
             "lightmap: so many texels",

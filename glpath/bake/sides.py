@@ -25,6 +25,7 @@ from glpath.scene import Scene
 from glpath.scene.model import Float64
 from glpath.system.kernels import kernel
 from glpath.system.machine import in_threads
+from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -113,14 +114,17 @@ class Sides:
         streamed : True if the scene has streamed triangles around it. They reflect light, so rays that leave the
                    scene then count as reaching light
         """
+        check_time()
         beyond = _shines_from_everywhere(scene) or streamed
         rays = rays_of(scene)
+        check_time()
         surfaces = _Surfaces.of(scene)
         hidden = np.zeros(surfaces.sends.shape, np.bool_)
         if surfaces.sends.all(axis=1).any():
             hidden = surfaces.sends & inside_solids(scene, rays, ~surfaces.passes, surfaces.shines)
             # Only triangles whose other side gets texels have a hidden side.
             hidden[~np.asarray(surfaces.sends.all(axis=1))] = False
+        check_time()
         shown = surfaces.sends & ~hidden
         lit = _lit(scene, rays, surfaces, shown, seed, beyond)
         return cls(scene, shown, hidden, lit, rays, surfaces, beyond)
@@ -282,6 +286,7 @@ def _walk(
     left = np.flatnonzero(~found)
     triangle, side, points = triangle[left], side[left], points[left]
     for _ in range(_BOUNCES):
+        check_time()
         if not len(left):
             break
         normals = surfaces.normals[triangle] * (1 - 2 * side)[:, None]

@@ -21,6 +21,7 @@ from glpath.scene import Scene
 from glpath.scene.model import Float64
 from glpath.scene.sight import winding_number
 from glpath.system.kernels import kernel
+from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -52,7 +53,9 @@ class Closed:
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
+        check_time()
         vertex = welded(scene)
+        check_time()
         count = len(vertex)
         start, end = vertex.ravel(), vertex[:, [1, 2, 0]].ravel()
         face = np.repeat(np.arange(count), 3)
@@ -67,6 +70,7 @@ class Closed:
         a, b = a[opposite], b[opposite]
         shared = np.zeros(3 * count, np.bool_)
         shared[a] = shared[b] = True
+        check_time()
         joined = coo_array((np.ones(len(a), np.int8), (face[a], face[b])), shape=(count, count))
         number, surface = connected_components(joined, directed=False)
         closed = np.bincount(surface, ~shared.reshape(-1, 3).all(axis=1), number) == 0

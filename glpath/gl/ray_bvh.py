@@ -29,6 +29,7 @@ from glpath.gl.moving import Refitting
 from glpath.gl.texel_store import UINTS, Rows, StoreRows, make_store, store_glsl
 from glpath.gl.texel_store import WIDTH as STORE_WIDTH
 from glpath.gl.variants import defined
+from glpath.system.time_limit import check_time, named_work
 
 #: Contents of a slot. All values are integers; coordinates of corners are the bits of floats.
 LAYOUT: dict[str, dict[str, str]] = {
@@ -90,7 +91,8 @@ class RayBvh:
             del trees
         else:
             build = _compiled if len(scene.scene.shapes.faces) >= _MANY else _interpreted
-            built = build(scene, _paths(scene))
+            with named_work("building the BVH"):
+                built = build(scene, _paths(scene))
             grid, table, stack = built.grid, built.table, built.wide.stack
             moving = built if scene.moving is not None else None
             del built  # frees a hundred bytes a triangle before the slots are written
@@ -164,9 +166,14 @@ def _interpreted(scene: DeviceScene, paths: NDArray[np.int64]) -> _Built:
     # Corners are rounded as on the device; otherwise neighbours far from the origin would not share an edge.
     triangles = scene.scene.triangles.astype(np.float32).astype(np.float64)
     items = _items(triangles, paths)
-    wide = collapse(_tree(triangles, items))
+    check_time()
+    tree = _tree(triangles, items)
+    check_time()
+    wide = collapse(tree)
     grid = _grid(wide.tree, scene)
+    check_time()
     slots = Slots.of(wide)
+    check_time()
     table = _item_table(triangles, items, triangle_flags(scene.scene))
     return _Built(items, wide, grid, slots.table(grid.steps(wide.tree.lower, wide.tree.upper), table))
 
@@ -176,7 +183,9 @@ def _compiled(scene: DeviceScene, paths: NDArray[np.int64]) -> _Built:
 
     shapes = scene.scene.shapes
     vertices, faces = shapes.vertices.astype(np.float32), np.ascontiguousarray(shapes.faces, np.int32)
+    check_time()
     items = compiled_items(vertices, faces, paths)
+    check_time()
     wide = compiled_tree(vertices, faces, items)
     grid = _grid(wide.tree, scene)
     return _Built(
@@ -243,6 +252,7 @@ class Slots:
         links[:, 0] = 256 * (np.arange(len(wide)) + 1) + (wide.is_leaf * 16 * bits).sum(axis=1)
         links[:, 0] += (wide.is_inner * bits).sum(axis=1).astype(np.uint32)
         for octant in range(8):
+            check_time()
             order = (wide.order(octant) << (2 * np.arange(WIDTH))).sum(axis=1).astype(np.uint32)
             links[:, 1 + octant // 4] |= order << np.uint32(8 * (octant % 4))
         return links
@@ -333,6 +343,7 @@ def _items(triangles: NDArray[np.float64], paths: NDArray[np.int64] | None = Non
         a, b = triangles[:-1], triangles[1:]
         size = np.ptp(a, axis=1).max(axis=1)[:, None, None]
         for k in range(3):
+            check_time()
             p, s1, s2 = a[:, k], a[:, (k + 1) % 3], a[:, (k + 2) % 3]
             # The other triangle must have the corners s1 and s2, and the corner that completes the parallelogram.
             wanted = np.stack([s1, s2, s1 + s2 - p], axis=1)

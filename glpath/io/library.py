@@ -43,6 +43,7 @@ from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import shipped_folder
 from glpath.system.suggestions import similar_names
+from glpath.system.time_limit import named_work, without_limit_if_resumed
 
 _Made = TypeVar("_Made")
 #: Suffixes of scene files.
@@ -116,6 +117,12 @@ def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
     elif isinstance(scene, str) and not _looks_like_a_path(text):
         raise _no_such_scene(text)
     refuse_other_file(path)
+    with without_limit_if_resumed(), named_work(f"reading {path.name}"):
+        return _read(path, text, parameters)
+
+
+def _read(path: Path, text: str, parameters: Mapping[str, object]) -> Scene:
+    """Return the scene of a file; `text` is its path or name as given."""
     if path.suffix.lower() in GLTF_FORMATS:
         return scene_of_model(_made(read_gltf_as_asked, SourceLocation(text), parameters, path))
     if path.suffix.lower() in MODEL_FORMATS:

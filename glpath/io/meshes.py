@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import SceneError, SceneWarning, warn
+from glpath.errors import GlpathError, SceneWarning, warn
 from glpath.io import obj
 from glpath.io.off import read_off
 from glpath.io.ply import read_header
@@ -33,6 +33,7 @@ from glpath.scene.model import Float64, Mesh
 from glpath.scene.source_location import SourceLocation
 from glpath.system.files import read_bytes
 from glpath.system.private_interfaces import given_trimesh_normals
+from glpath.system.time_limit import named_work
 
 FORMATS = (".obj", ".ply", ".stl", ".off")
 #: Names of the formats for messages: "OBJ, PLY, STL or OFF".
@@ -224,8 +225,9 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
             nearby_files("Mesh files", path, FORMATS),
         )
     try:
-        file = _parse(path, colours)
-    except (SceneError, SceneWarning):
+        with named_work(f"reading {path.name}"):
+            file = _parse(path, colours)
+    except (GlpathError, SceneWarning):
         raise
     except Exception as error:  # parsers may raise anything for a damaged file
         kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "

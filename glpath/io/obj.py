@@ -26,6 +26,7 @@ from glpath.io.text import decoded, parse_lines, parse_numbers, statements
 from glpath.io.values import MAX_PARTS, finite_rows
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.numerals import whole
+from glpath.system.time_limit import check_time
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -163,6 +164,7 @@ def read_obj(content: bytes, source: str) -> ObjFile:
             libraries[" ".join(values)] = None
         elif kind == "p" or kind in _UNUSED:
             unused[kind] += 1
+    check_time()
     tables = _Tables(*(each.table(source) for each in rows.values()))
     left_out = {name: unused[kind] for kind, name in _UNUSED.items()}
     polypaint = _polypaint(content)
@@ -344,6 +346,7 @@ class _Attributes(NamedTuple):
 
 def _part(material: int, triangles: Int64, rows: _Attributes) -> Part:
     """Return the part for triangles (T, 3 corners, 3 indices), with one vertex for each distinct corner."""
+    check_time()
     corners = triangles.reshape(-1, 3)
     has_uv, has_normals = (bool((corners[:, column] >= 0).any()) for column in (1, 2))
     # A table of all vertices of the file is worthwhile only if the part uses a large fraction of them.

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import GlpathError, ImageError
+from glpath.errors import GlpathError, ImageError, TimeLimitError
 from glpath.film.image import check_scans, picture_size
 from glpath.film.image import read_image as read_float_image
 from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.system.files import check_file, reason_of
 from glpath.system.npz import UnfoldedPictures
+from glpath.system.time_limit import named_work
 
 Image = NDArray[np.uint8] | NDArray[np.float32]
 # Formats that are read, by Pillow's names. Others are seldom used for textures, and for some Pillow runs programs.
@@ -59,7 +60,8 @@ class Pictures:
         path = self.files.find(self.folder, name)
         if path not in self._known:
             try:
-                self._known[path] = self._pixels(path)
+                with named_work(f"reading {path.name}"):
+                    self._known[path] = self._pixels(path)
             except UnusableError as error:
                 self._known[path] = error
         found = self._known[path]
@@ -83,7 +85,7 @@ class Pictures:
                         check_scans(path.read_bytes())
                     self._check(path, *opened.size, len(opened.getbands()), 4 if opened.mode == "F" else 1)
                     return pixels_of(opened)
-        except UnusableError:
+        except (UnusableError, TimeLimitError):
             raise
         except GlpathError as error:
             raise UnusableError(f"which cannot be read: {error.message}") from error

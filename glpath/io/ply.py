@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from glpath.io.text import decoded, parse_numbers, with_plain_nan
 from glpath.io.values import as_float64
+from glpath.system.time_limit import check_time
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -39,6 +40,8 @@ MAX_PROPERTIES = 4096
 _MAX_UNIFORM = 1 << 12
 # Number of list values that are gathered at once; index arrays for more values do not fit into the CPU's cache.
 _BLOCK = 1 << 18
+# Number of rows with lists of different lengths between checks of the time limit.
+_CHECKED_ROWS = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -271,6 +274,8 @@ def _ragged_rows(name: str, count: int, properties: list[_Property], data: Bytes
     row = 0
     try:
         while row < count:
+            if row % _CHECKED_ROWS == 0:
+                check_time()
             for (before, unpack, length_size, size), starts, lengths in zip(steps, begins, counts, strict=True):
                 at += before
                 n = int(unpack(data, at)[0])

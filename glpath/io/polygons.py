@@ -27,6 +27,7 @@ from glpath.errors import warn_at
 from glpath.io.values import warn_of_left_out
 from glpath.scene.geometry import Float64, Int32
 from glpath.scene.source_location import SourceLocation
+from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
 
@@ -84,6 +85,7 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
     first = np.cumsum(sizes) - sizes
     triangles, polygons, crossing = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)], 0
     for size in np.unique(sizes[sizes >= 3]).tolist():
+        check_time()
         chosen = np.flatnonzero(sizes == size)
         starts = first[chosen]
         if size == 3:
@@ -128,6 +130,7 @@ def split_finite(
     source : name of the file
     others : counts of other parts that are left out, by name, for the same warning
     """
+    check_time()
     is_bad = ~np.asarray(np.isfinite(positions).all(axis=1))
     of = np.repeat(np.arange(len(sizes)), sizes)
     bad_faces = np.bincount(of, is_bad[corners], len(sizes)) > 0 if is_bad.any() else np.zeros(len(sizes), np.bool_)
@@ -303,6 +306,7 @@ def triangulated(boundary: Float64, holes: Sequence[Float64] = ()) -> tuple[Floa
 
     The missing area is not zero if rings cross each other or themselves. A polygon without area has no faces.
     """
+    check_time()
     size = float(np.linalg.norm(polygon_normal(boundary)))
     if size == 0:
         spokes = boundary[1:] - boundary[0]

@@ -14,6 +14,7 @@ from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation
 from glpath.system.files import reading
 from glpath.system.npz import UnfoldedPictures
+from glpath.system.time_limit import named_work
 
 _Picture = TypeVar("_Picture")
 # Bytes of memory for a decoded pixel: RGBA of 8 bits, or RGB of floats.
@@ -59,7 +60,8 @@ def stored_picture(
             with reading(path, what):
                 bytes_ = channels * channel_bytes * width * height
                 unfolded.add(bytes_, path.stat().st_size, pixel * width * height)
-        return read(path)
+        with named_work(f"reading {path.name}"):
+            return read(path)
     except ImageError as error:
         raise location.error(
             f"names a picture that cannot be used. {error}",

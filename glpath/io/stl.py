@@ -9,6 +9,7 @@ Source: 3D Systems, StereoLithography Interface Specification, 1989.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +22,7 @@ from glpath.io.text import decoded, parse_lines, parse_numbers, with_plain_nan
 from glpath.io.values import MAX_PARTS, as_float64
 from glpath.scene.geometry import Float64
 from glpath.scene.source_location import SourceLocation
+from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
 
@@ -31,6 +33,8 @@ _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute
 _MAX_GROWTH = 100.0
 # Number of first bytes that show if a file is ASCII: without a zero byte, but with facet, or solid at the start.
 _BEGINNING = 1024
+# Number of facets between checks of the time limit.
+_CHECKED_FACETS = 1 << 14
 # solid or endsolid with the name behind it, up to the end of the line or to a facet in the same line. The name may
 # contain words of the format.
 _SOLID = re.compile(r"\b(?:end)?solid\b[^\n]*?(?=\bfacet\s+(?:normal\s+(?:[-+.\d]|nan|inf)|outer\s+loop)|\n|$)")
@@ -94,7 +98,9 @@ def _rows_with_payload(content: bytes, count: int, source: str) -> NDArray[Any] 
     if not 0 < count <= (len(content) - _HEADER) // _FACET.itemsize:
         return None
     starts, at, last = [], _HEADER, len(content) - _FACET.itemsize
-    for _ in range(count):
+    for facet in range(count):
+        if facet % _CHECKED_FACETS == 0:
+            check_time()
         if at > last:
             return None
         starts.append(at)
@@ -112,8 +118,10 @@ def _rows_with_payload(content: bytes, count: int, source: str) -> NDArray[Any] 
 
 def _read_ascii(content: bytes, source: str) -> list[Facets]:
     text = with_plain_nan(decoded(content)).lower().replace("\r\n", "\n").replace("\r", "\n")
+    check_time()
     solids, cut, facets = [], 0, 0
     for solid in _SOLID.split(text):
+        check_time()
         parts = solid.split("vertex")[1:]
         ends = [index + 1 for index, part in enumerate(parts) if "endloop" in part]
         if not ends:  # some programs omit the loops
@@ -123,7 +131,7 @@ def _read_ascii(content: bytes, source: str) -> list[Facets]:
         facets += len(sizes)
         if len(sizes):
             try:
-                positions = parse_numbers(" ".join(map(_first_three, parts[: ends[-1]]))).reshape(ends[-1], 3)
+                positions = parse_numbers(" ".join(_corner_texts(parts[: ends[-1]]))).reshape(ends[-1], 3)
             except ValueError:
                 _check_lines(text, source)
                 raise
@@ -137,6 +145,14 @@ def _read_ascii(content: bytes, source: str) -> list[Facets]:
     if not solids:
         return []
     return _finite_facets([positions for positions, _ in solids], [sizes for _, sizes in solids], source)
+
+
+def _corner_texts(parts: list[str]) -> Iterator[str]:
+    """Yield the text of each corner's position; checks the time limit."""
+    for corner, part in enumerate(parts):
+        if corner % _CHECKED_FACETS == 0:
+            check_time()
+        yield _first_three(part)
 
 
 def _first_three(text: str) -> str:

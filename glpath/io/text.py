@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from glpath.scene.source_location import SourceLocation
 from glpath.system.numerals import real
+from glpath.system.time_limit import check_time
 
 # NaN as Microsoft's C libraries write it: `1.#QNAN` in the old library, where # begins no comment, and `nan(ind)`
 # in the new one.
@@ -32,6 +33,11 @@ _BLANKS = " \t"
 _CONTINUED = tuple(f"{blank}\\" for blank in _BLANKS)
 # First letters of the statements v, vt, vn and f, which make up most lines and never hold names.
 _OF_NUMBERS = frozenset("vf")
+# Number of lines between checks of the time limit.
+_CHECKED_LINES = 1 << 13
+# Minimum number of letters of numbers that are parsed between checks of the time limit.
+_PIECE = 1 << 22
+_BLANK = re.compile(r"\s")
 
 
 def statements(text: str) -> Iterator[tuple[int, list[str]]]:
@@ -40,6 +46,8 @@ def statements(text: str) -> Iterator[tuple[int, list[str]]]:
     A statement with a name has two words: its keyword, and all that follows.
     """
     for number, line in _lines(text):
+        if number % _CHECKED_LINES == 0:
+            check_time()
         if words := line.split() if line[:1] in _OF_NUMBERS else _words(line):
             yield number, words
 
@@ -86,6 +94,23 @@ def parse_numbers(text: str) -> NDArray[np.float64]:
     """Return the blank-separated numbers of a text. Raises ValueError with the first word that is no number."""
     if not text:
         return np.zeros(0)
+    if len(text) <= _PIECE:
+        return _parse_piece(text)
+    return np.concatenate([_parse_piece(piece) for piece in _pieces(text)])
+
+
+def _pieces(text: str) -> Iterator[str]:
+    """Yield parts of a text that end at blanks, with a check of the time limit before each."""
+    start = 0
+    while start < len(text):
+        check_time()
+        blank = _BLANK.search(text, start + _PIECE)
+        end = len(text) if blank is None else blank.end()
+        yield text[start:end]
+        start = end
+
+
+def _parse_piece(text: str) -> NDArray[np.float64]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", DeprecationWarning)  # older numpy only warns of words

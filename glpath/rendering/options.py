@@ -362,7 +362,7 @@ def with_options(*, integrators: bool = True, run: bool = True) -> Callable[[Fun
         def call(*given: Any, **by_name: Any) -> Any:
             for name in by_name.keys() - signature.parameters.keys():
                 check_name(name, [*named, *(options() if integrators else ())])
-            with limited(by_name.get("time_limit")):
+            with limited(by_name.get("time_limit"), resumes=by_name.get("film") is not None):
                 if run and by_name.get("strict"):
                     return strictly(lambda: function(*given, **by_name))
                 return function(*given, **by_name)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.scene.digest import digest_of
 from glpath.scene.motion import Motion
 from glpath.scene.stream import Stream
+from glpath.system.time_limit import check_time
 
 #: Largest allowed number in a scene: its square, even multiplied by 1e8, is finite in 32 bits.
 LARGEST = 1e15
@@ -109,6 +110,7 @@ class Mesh:
 
     def without_unused_vertices(self) -> Mesh:
         """Return the mesh without vertices that no triangle uses; the same mesh if all are used."""
+        check_time()
         used = _are_used(len(self.vertices), self.faces)
         if used.all():
             return self

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from glpath.scene.geometry import instance_boxes
 from glpath.scene.model import Camera, Float64, Mesh, Primitive, Scene, Shape, Stream, sphere_extent
 from glpath.scene.tessellate import box
+from glpath.system.time_limit import check_time
 
 _CHUNK = 1 << 14
 # Number of triangles above which instances are not expanded all at once.
@@ -165,6 +166,7 @@ def _about(scene: Scene, index: int, point: Float64, margin: float = 0.0) -> Ite
 
 def _chunks(triangles: Float64) -> Iterator[Float64]:
     for first in range(0, len(triangles), _CHUNK):
+        check_time()
         yield triangles[first : first + _CHUNK]
 
 

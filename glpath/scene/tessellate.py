@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import warn_at
 from glpath.scene.model import Float64, Int32, Mesh, placed
 from glpath.scene.source_location import SourceLocation
+from glpath.system.time_limit import check_time
 
 # Ratio of height to longest edge up to which a triangle counts as having no area, because the GPU stores corners as
 # 32-bit floats.
@@ -172,6 +173,7 @@ def with_area(mesh: Mesh, world_from_mesh: Float64, name: str, location: SourceL
 
     Raises SceneError if no triangle has an area. `name` and `location` are those of the shape.
     """
+    check_time()
     flat = without_area(placed(mesh.vertices, world_from_mesh)[mesh.faces])
     if not flat.any():
         return mesh

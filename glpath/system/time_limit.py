@@ -4,6 +4,9 @@
         ...
         check_time("building the BVH")
 
+Functions that several kinds of work call, such as parsers of numbers, do not name the work. They call
+`check_time()`, which checks the time if a caller is inside `named_work("reading room.obj")`.
+
 Work that is required for a result calls `check_time` between its parts. It gets one second more than the limit.
 Work that only improves a result runs in `part_of_time`, and calls `time_is_up` if it can be cut short.
 
@@ -16,7 +19,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from numbers import Real
@@ -44,16 +47,20 @@ class _Limit:
     began   : start of the limit, by `time.perf_counter`
     ends    : end of the limit, by `time.perf_counter`
     grace   : time after the end for required work, seconds
+    resumes : True if the caller has the result of an earlier run
     """
 
     seconds: float
     began: float
     ends: float
     grace: float
+    resumes: bool = False
 
 
 # A thread begins without a limit, so each render checks the limit of its own call.
 _limit: ContextVar[_Limit | None] = ContextVar("time_limit", default=None)
+# Work of the innermost `named_work`, such as "reading room.obj", for checks that do not name their work.
+_work: ContextVar[str | None] = ContextVar("work", default=None)
 # Start of the process, from which its command's time counts, by `time.perf_counter`; None outside `command_clock`.
 _command_began: float | None = None
 
@@ -93,13 +100,14 @@ def check_time_limit(seconds: object) -> None:
 
 
 @contextmanager
-def limited(seconds: float | None, *, anew: bool = False) -> Iterator[None]:
+def limited(seconds: float | None, *, anew: bool = False, resumes: bool = False) -> Iterator[None]:
     """Context with a time limit that counts from its entry, or from the start of the process for its command.
 
     Inside another limit it has no effect, because the limit of the outermost call applies.
 
     seconds : None: no limit, but the time is still counted, see `counted_from`
     anew    : count from the entry, even inside another limit or command; for one of many frames
+    resumes : True if the caller has the result of an earlier run, see `without_limit_if_resumed`
 
     Raises UsageError as `check_time_limit`.
     """
@@ -111,7 +119,7 @@ def limited(seconds: float | None, *, anew: bool = False) -> Iterator[None]:
     seconds = math.inf if seconds is None else float(seconds)
     now = time.perf_counter()
     began = now if anew or _command_began is None else _command_began
-    with _set(_Limit(seconds, began, began + seconds, GRACE)):
+    with _set(_Limit(seconds, began, began + seconds, GRACE, resumes)):
         yield
 
 
@@ -135,6 +143,14 @@ def part_of_time(*, required: bool = False) -> Iterator[None]:
 def without_limit() -> Iterator[None]:
     """Context without a limit, for work that makes a result from finished computations."""
     with _set(None):
+        yield
+
+
+@contextmanager
+def without_limit_if_resumed() -> Iterator[None]:
+    """Context without a limit if the caller has an earlier result, which only later work can return."""
+    limit = _limit.get()
+    with without_limit() if limit is not None and limit.resumes else nullcontext():
         yield
 
 
@@ -178,13 +194,26 @@ def time_is_up() -> bool:
     return seconds_left() <= 0
 
 
-def check_time(doing: str) -> None:
+@contextmanager
+def named_work(doing: str) -> Iterator[None]:
+    """Context that names its work in the messages of checks; checks the time at its start and at its end."""
+    token = _work.set(doing)
+    try:
+        check_time()
+        yield
+        check_time()
+    finally:
+        _work.reset(token)
+
+
+def check_time(doing: str | None = None) -> None:
     """Raise TimeLimitError if the limit and its grace are over.
 
-    doing : current work for the message, such as "building the BVH"
+    doing : current work for the message, such as "building the BVH"; None: that of the enclosing `named_work`,
+            outside of which the time is not checked
     """
-    limit = _limit.get()
-    if limit is None or time.perf_counter() < limit.ends + limit.grace:
+    limit, doing = _limit.get(), doing or _work.get()
+    if limit is None or doing is None or time.perf_counter() < limit.ends + limit.grace:
         return
     raise TimeLimitError(
         f"time_limit={limit.seconds:g}: over while {doing}, before there was a result.",

@@ -21,6 +21,7 @@ from glpath.io.gltf.limits import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.gltf.table import Table
 from glpath.io.pictures import stored_pixels
 from glpath.scene.source_location import SourceLocation
+from glpath.system.time_limit import check_time
 
 KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
 _FORMATS = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG", KTX2: "KTX2"}
@@ -39,6 +40,7 @@ def read_image(document: Document, table: Table) -> NDArray[Any]:
 
     Raises SceneError for an image that is missing, broken, too large or of another format.
     """
+    check_time()
     data = _stored(document, table)
     kind = _format(data)
     if kind is None:

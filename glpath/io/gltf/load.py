@@ -38,6 +38,7 @@ from glpath.scene.sight import winding_number
 from glpath.scene.sky import Environment
 from glpath.scene.source_location import shown
 from glpath.scene.tessellate import without_area
+from glpath.system.time_limit import check_time
 
 #: Entry of a file's extras, written by `glpath export` for scenes whose one-sided materials have black backs.
 BLACK_BACKS = {"backs": "black"}
@@ -388,6 +389,7 @@ class _Shapes:
         weights = mesh.any_numbers("weights")
         parts = []
         for i, primitive in enumerate(primitives):
+            check_time()
             surface, uv_sets = self._surface(primitive)
             made = self.primitives.mesh(primitive, weights, uv_sets)
             if made is not None:
@@ -430,6 +432,7 @@ class _Shapes:
         # The joints of a skin give world positions, so glTF ignores the transform of the node with the mesh.
         maps = instances(node, world, self.accessors) if skin is None else np.eye(3, 4)[None]
         for i, primitive in enumerate(primitives):
+            check_time()
             part = name if len(primitives) == 1 else f"{name}-{i}"
             surface, uv_sets = self._surface(primitive)
             if skin is None:

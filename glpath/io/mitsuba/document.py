@@ -17,6 +17,7 @@ from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import read_bytes, reason_of
 from glpath.system.suggestions import listed_names, similar_names
+from glpath.system.time_limit import check_time
 
 _DEEPEST = 15  # maximum depth of nested includes, as in Mitsuba
 _NESTED = 100  # maximum depth of nested elements
@@ -188,6 +189,7 @@ class _Reader:
 
         Includes are replaced by their content.
         """
+        check_time()
         for key, text in element.attributes.items():
             if "$" in text:
                 value = _DOLLAR.sub(lambda found: self._value(found[1], element), text)

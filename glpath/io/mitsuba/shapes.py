@@ -21,6 +21,7 @@ from glpath.scene.geometry import Float64, Mesh, Shape, placed
 from glpath.scene.tessellate import unit_sphere, with_area
 from glpath.scene.triangulate import turned
 from glpath.system.terminal import encodable
+from glpath.system.time_limit import check_time
 
 _FILES = {"obj": ".obj", "ply": ".ply", "serialized": ".serialized"}
 _MADE: dict[str, Callable[[], Mesh]] = {
@@ -64,6 +65,7 @@ class Reader:
 
     def add(self, plugin: Plugin) -> None:
         """Add a shape of the scene. Raises SceneError."""
+        check_time()
         if plugin.kind not in _KINDS:
             raise error_of_kind(plugin.element, "a shape", _KINDS, _remedy(plugin.kind))
         if plugin.kind == "shapegroup":

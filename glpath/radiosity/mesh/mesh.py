@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from glpath.radiosity.mesh import lattice
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Int32
+from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
 
@@ -176,6 +177,7 @@ def size_for_count(scene: Scene, surface: Int64, count: int, *, by_size: bool = 
     elif count <= len(longest):
         return largest
     for _ in range(40):
+        check_time()
         middle = np.sqrt(fine * coarse)
         patches = _divisions(longest, surface, middle).astype(float) ** 2
         if by_size:
@@ -192,13 +194,16 @@ def surfaces(scene: Scene) -> Int64:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
+    check_time()
     count = len(scene.triangles)
     shape = scene.triangle_shape.astype(np.int64)
     node = weld(scene, scene.triangles.reshape(-1, 3), np.repeat(shape, 3)).reshape(-1, 3)
     edges = np.sort(np.stack([node, np.roll(node, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    check_time()
     order = np.lexsort(edges.T)
     same = np.all(edges[order[1:]] == edges[order[:-1]], axis=1)
     a, b = order[:-1][same] // 3, order[1:][same] // 3
+    check_time()
     normals = scene.normals
     smooth = np.einsum("ij,ij->i", normals[a], normals[b]) > _SMOOTH
     links = coo_array((np.ones(smooth.sum()), (a[smooth], b[smooth])), shape=(count, count))
@@ -211,7 +216,9 @@ def weld(scene: Scene, points: Float64, group: Int64) -> Int64:
     step = _WELD * max(float(np.max(upper - lower)), np.finfo(float).tiny)
     x, y, z = np.round((points - lower) / step).astype(np.int64).T  # 0 to 2^21, so that 63 bits hold all three
     # Sorting twice by one integer key is faster than sorting once by several keys.
+    check_time()
     position = np.unique((x << 21 | y) << 21 | z, return_inverse=True)[1]
+    check_time()
     return np.asarray(np.unique(position << 32 | group, return_inverse=True)[1])
 
 

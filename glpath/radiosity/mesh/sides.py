@@ -20,6 +20,7 @@ from glpath.scene.model import Float64
 from glpath.scene.sight import winding_number
 from glpath.system.kernels import kernel
 from glpath.system.machine import in_threads
+from glpath.system.time_limit import check_time
 
 #: Number of parts per edge of a partly buried element, whose _FINE^2 parts are tested to measure its unburied area.
 _FINE = 8
@@ -55,6 +56,7 @@ class Sides:
     @classmethod
     def of(cls, scene: Scene, elements: Elements) -> Sides:
         """Return the sides that are not black: fronts first, then backs, each in the order of the elements."""
+        check_time()
         shape = scene.triangle_shape[elements.triangle]
         reflectance = scene.side_reflectance[:, elements.triangle]
         emits_at_all = np.array([s.emits for s in scene.shapes], bool)[shape]
@@ -71,6 +73,7 @@ class Sides:
         normal = scene.normals[elements.triangle]
         parts = []
         for back in (0, 1):
+            check_time()
             reflects = reflectance[back]
             emits = emission * (both[shape, None] if back else 1.0)
             # Black elements under an emission texture are kept, because the patches that contain them are kept.

@@ -43,6 +43,7 @@ from glpath.system.time_limit import (
     count_earlier,
     counted_from,
     limited,
+    named_work,
     time_is_up,
     without_limit,
 )
@@ -265,18 +266,19 @@ def solve_radiosity(
             'Take "progressive" or "matrix", or leave them out.',
         )
     with limited(time_limit):
-        triangles = path_traceable(load_scene(scene).still())
-        check_solvable(triangles)
-        surface = surfaces(triangles)
-        if size is None:
-            # The cost of particles depends on their hits, so small triangles cost nothing.
-            by_size = method == "monte-carlo"
-            size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES, by_size=by_size)
-        divisions = divisions_of_size(triangles, surface, size)
-        lighting = Lighting.of(triangles)
-        run = _Run(triangles, method, _settings(options, size), on_progress, counted_from())
         for_camera &= method == "monte-carlo"
-        needed = kernels_of(triangles, lighting, method, near_lamps=for_camera and adaptive > 0)
+        with named_work(_MESHING):
+            triangles = path_traceable(load_scene(scene).still())
+            check_solvable(triangles)
+            surface = surfaces(triangles)
+            if size is None:
+                # The cost of particles depends on their hits, so small triangles cost nothing.
+                by_size = method == "monte-carlo"
+                size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES, by_size=by_size)
+            divisions = divisions_of_size(triangles, surface, size)
+            lighting = Lighting.of(triangles)
+            needed = kernels_of(triangles, lighting, method, near_lamps=for_camera and adaptive > 0)
+        run = _Run(triangles, method, _settings(options, size), on_progress, counted_from())
         with (
             announced(waiting(needed), None if on_progress is None else run.compiling),
             checkpoint or nullcontext(),
