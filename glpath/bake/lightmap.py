@@ -40,11 +40,12 @@ from glpath.io.export.geometry import listed
 from glpath.radiosity.memory import require_memory
 from glpath.rendering.calls import run_job
 from glpath.rendering.job import RenderJob, check_sensor, describe
-from glpath.rendering.options import RenderKeywords, check_word, settings_of, with_options
+from glpath.rendering.options import RenderKeywords, settings_of, with_options
 from glpath.rendering.run_options import RunOptions
 from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
 from glpath.sensors.sensor import PointSensor
+from glpath.system.arguments import check_word, checked
 from glpath.system.time_limit import named_work
 
 Float32 = NDArray[np.float32]
@@ -199,6 +200,7 @@ def _thumbnail(radiance: NDArray[np.floating[Any]], stops: float) -> bytes:
     return encode_png(np.round(255 * encode_srgb(shown)).astype(np.uint8))
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Lightmap:
     """Light on surfaces, stored in the pages of an atlas.

@@ -46,6 +46,7 @@ from glpath.rendering.points import irradiance, lit
 from glpath.rendering.run_options import RunOptions
 from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
+from glpath.system.arguments import checked
 from glpath.system.files import write_bytes
 
 Float64 = NDArray[np.float64]
@@ -170,6 +171,7 @@ class ProbeGrid:
         return np.repeat(positions, len(_NORMALS), axis=0), np.tile(_NORMALS, (len(positions), 1))
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Probes:
     """Light probes of a grid.

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import ImageError, UsageError
 from glpath.film.image import luminance
+from glpath.system.arguments import checked
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -24,13 +25,16 @@ UInt8 = NDArray[np.uint8]
 EPSILON = 0.01
 
 
+@checked
 def relative_mse(image: ArrayLike, reference: ArrayLike, epsilon: float = EPSILON) -> float:
     """Return mean((image - reference)² / (reference² + epsilon)) over pixels and channels; 0 for equal images.
 
-    Raises ImageError for shapes that differ, NaN or infinity.
+    Raises ImageError for shapes that differ, NaN or infinity; UsageError for an epsilon below 0.
 
     Source: Rousselle et al. 2011, "Adaptive Sampling and Reconstruction using Greedy Error Minimization".
     """
+    if not 0 <= epsilon < math.inf:
+        raise UsageError(f"epsilon: {epsilon} where a finite number from 0 is needed")
     a, b = matching_pair(image, reference)
     return float(np.mean((a - b) ** 2 / (b**2 + epsilon)))
 

@@ -27,6 +27,7 @@ from glpath.daylight.sky_patches import SkyPatches
 from glpath.daylight.texels import Texels
 from glpath.errors import ImageError, UsageError
 from glpath.gl.parallel_rays import WORD
+from glpath.system.arguments import checked
 from glpath.system.files import whole_file
 from glpath.system.npz import Arrays, open_npz
 
@@ -41,6 +42,7 @@ _BLOCK = 1 << 24
 _PLAIN = 1 << 27
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class DaylightCoefficients:
     """Daylight coefficients of N sensors.

@@ -32,7 +32,7 @@ from glpath.daylight.kept_words import KeptPass, KeptWords
 from glpath.daylight.receivers import RECEIVERS, Receiver
 from glpath.daylight.shard import Shard, shard_range
 from glpath.daylight.sky_patches import SkyPatches
-from glpath.daylight.sun_bins import MAX_BINS, SunBins
+from glpath.daylight.sun_bins import MAX_BINS, MAX_SUNS, SunBins
 from glpath.daylight.visibility import GEOMETRY_BUDGET, PointVisibility, masked
 from glpath.errors import SceneError, UsageError, warn
 from glpath.film.bias import Bias
@@ -41,9 +41,9 @@ from glpath.gl.parallel_rays import WORD
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
 from glpath.rendering.interrupts import Flag, interrupt_as_flag
-from glpath.rendering.options import check_count, check_word
 from glpath.rendering.points import checked_points
 from glpath.scene import Scene, path_traceable
+from glpath.system.arguments import check_count, check_word, checked
 
 if TYPE_CHECKING:
     from glpath.jobs.connection import Connection
@@ -86,6 +86,7 @@ class DaylightProgress:
     elapsed_s: float
 
 
+@checked
 def daylight_coefficients(
     scene: AnyScene,
     points: ArrayLike,
@@ -170,6 +171,7 @@ def daylight_coefficients(
         ("gather_rays", gather_rays, 1, MAX_GATHER_RAYS),
         ("geometry_budget", geometry_budget, 1, 2**31),
         ("max_depth", max_depth, 1, 2**31),
+        ("suns", suns, 1, MAX_SUNS),
         ("seed", seed, 0, 2**63 - 1),
     )
     for name, value, low, high in of_counts:

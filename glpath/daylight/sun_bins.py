@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.daylight.compass import Compass
 from glpath.errors import UsageError
+from glpath.system.arguments import check_count
 
 Float64 = NDArray[np.float64]
 
@@ -24,6 +25,8 @@ Float64 = NDArray[np.float64]
 OBLIQUITY = 23.45
 #: Default maximum number of bins.
 MAX_BINS = 600
+#: Maximum value of the option `suns`.
+MAX_SUNS = 100_000
 
 
 @dataclass(frozen=True)
@@ -44,8 +47,7 @@ class SunBins:
         """Return at most `count` bins. Raises UsageError for an invalid latitude and a count below 1."""
         if not -90.0 <= latitude <= 90.0:
             raise UsageError(f"latitude {latitude:g}: must be from -90 to 90 degrees, positive in the north.")
-        if not 1 <= count <= 100_000:
-            raise UsageError(f"{count} bins of the sun: must be from 1 to 100,000.")
+        check_count("suns", count, 1, MAX_SUNS)
         # Bisect the number of rows of declinations. If even one row has too many bins, some of them are chosen
         # below.
         low, high = 1, 1

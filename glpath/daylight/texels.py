@@ -29,6 +29,7 @@ from glpath.io.vtk import VtkMesh
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
+from glpath.system.arguments import checked
 
 Float64 = NDArray[np.float64]
 
@@ -36,6 +37,7 @@ Float64 = NDArray[np.float64]
 MAX_TEXELS = 4_000_000
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Texels:
     """N texels: small faces of a scene's surfaces.
@@ -136,6 +138,7 @@ class Texels:
         return np.asarray(np.cross(b - a, d - a))
 
 
+@checked
 def texels(scene: AnyScene, size: float, *, shapes: str | Sequence[str] | None = None) -> Texels:
     """Return the surfaces of a scene, divided into texels.
 

@@ -21,6 +21,7 @@ from glpath.daylight.hourly_skies import HourlySkies, Quantity
 from glpath.daylight.receivers import response
 from glpath.errors import UsageError
 from glpath.io.weather import Weather, read_weather
+from glpath.system.arguments import checked
 from glpath.system.files import whole_file
 from glpath.system.frames import data_set, package
 
@@ -42,6 +43,7 @@ _WATTS_PER_KILOWATT = 1000.0
 _SUNSHINE = 120.0
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class DaylightYear:
     """Daylight of N sensors in the H hours of `weather`. Fractions are from 0 to 1.
@@ -225,6 +227,7 @@ class DaylightYear:
         }  # fmt: skip
 
 
+@checked
 def daylight_year(
     coefficients: DaylightCoefficients,
     weather: Weather | str | Path,

@@ -25,6 +25,7 @@ from glpath.film.film_frames import film_data_set, stats_frame
 from glpath.film.image import UInt8, check_exposure, encode_png, png_html, write_exr, write_jpeg, write_png
 from glpath.film.image import tonemap as tonemapped
 from glpath.film.npz_file import FilmParts, read_parts, write_parts
+from glpath.system.arguments import checked
 from glpath.system.files import is_stream
 from glpath.system.npz import open_npz
 from glpath.system.versions import versions
@@ -36,6 +37,7 @@ WRITABLE = (".png", ".jpg", ".jpeg", ".exr", ".npz")
 _PREVIEW = 1024
 
 
+@checked
 @dataclass(eq=False, repr=False)
 class Film(FilmErrors):
     """Sums of radiance over path sets, in batches, and the images made from them.
@@ -242,6 +244,7 @@ class Film(FilmErrors):
         }
 
 
+@checked
 def read_image(path: str | Path) -> Float64:
     """Read an image, or the mean of a film, as (H, W, 3) float64, linear Rec. 709, row 0 at the top.
 

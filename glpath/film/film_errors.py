@@ -17,6 +17,7 @@ from glpath.film.batches import BLOCK
 from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER, Bias, bias_of
 from glpath.film.noise import MIN_BATCHES, error_bound
 from glpath.film.sums import FilmSums, mean_of
+from glpath.system.arguments import checked
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -25,6 +26,7 @@ Float64 = NDArray[np.float64]
 _LOOKED_AT = 0.999
 
 
+@checked
 @dataclass(eq=False, repr=False)
 class FilmErrors(FilmSums):
     """Film sums, their denoised image, and the estimated errors of the image and of the denoised image."""

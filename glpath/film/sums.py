@@ -26,10 +26,12 @@ from glpath.film.batches import BATCHES, BLOCK, batch_of, united
 from glpath.film.cryptomatte import RANKS, Cryptomatte, Kind, ShapeCounts, cryptomatte
 from glpath.film.metadata import FilmMetadata, differences, joined, merged_values
 from glpath.film.npz_file import FilmParts
+from glpath.system.arguments import checked
 
 Float64 = NDArray[np.float64]
 
 
+@checked
 @dataclass(eq=False, repr=False)
 class FilmSums:
     """Sums of radiance over path sets, in batches; `Film` documents the fields."""

@@ -41,6 +41,7 @@ from glpath.io.up_axis import Up
 from glpath.scene import tessellate
 from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation, shown
+from glpath.system.arguments import checked
 from glpath.system.files import shipped_folder
 from glpath.system.suggestions import similar_names
 from glpath.system.time_limit import named_work, without_limit_if_resumed
@@ -50,6 +51,7 @@ _Made = TypeVar("_Made")
 SCENE_SUFFIXES = (".toml", *MODEL_FORMATS, ".xml", ".hbjson")
 
 
+@checked
 def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) -> Scene:
     """Return the scene of a file, of a shipped name, or of a Python object.
 

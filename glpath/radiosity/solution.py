@@ -26,6 +26,7 @@ from glpath.radiosity.mesh.interpolation import interpolate, leaves, vertices_of
 from glpath.scene import Scene, path_traceable
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64, Int32
+from glpath.system.arguments import checked
 from glpath.system.files import whole_file
 from glpath.system.npz import open_npz
 
@@ -45,6 +46,7 @@ INDIRECT = 1
 _PARTS: dict[Part, tuple[int, ...]] = {"both": (DIRECT, INDIRECT), "direct": (DIRECT,), "indirect": (INDIRECT,)}
 
 
+@checked
 @dataclass(frozen=True, eq=False, repr=False)
 class RadiositySolution:
     """Irradiance of a scene's surfaces, in elements.

@@ -15,12 +15,13 @@ from glpath.integrators.by_name import Integrator
 from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene
 from glpath.rendering.job import RenderJob, SceneSource, describe, with_overrides
-from glpath.rendering.options import RenderKeywords, check_word, strictly, with_options
+from glpath.rendering.options import RenderKeywords, strictly, with_options
 from glpath.rendering.progress import Progress, reporting
 from glpath.rendering.run_options import RunKeywords, RunOptions
 from glpath.rendering.session import Session
 from glpath.scene import Camera, Scene, check_camera
 from glpath.sensors.sensor import CameraSensor, PointSensor
+from glpath.system.arguments import check_word
 from glpath.system.reporting import MODES
 from glpath.system.time_limit import lift_limit, limited
 

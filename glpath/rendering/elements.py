@@ -14,6 +14,7 @@ from glpath.film.film import Film
 from glpath.integrators.gather_settings import Solution
 from glpath.io import AnyScene
 from glpath.rendering.calls import render
+from glpath.system.arguments import checked
 
 Float64 = NDArray[np.float64]
 
@@ -22,6 +23,7 @@ Float64 = NDArray[np.float64]
 _BLOCK = 8
 
 
+@checked
 @dataclass(frozen=True)
 class ElementError:
     """Error of a gather due to the elements of its solution.
@@ -46,6 +48,7 @@ class ElementError:
         return f"the elements change the picture by {size}, relMSE about {self.relmse:.1g}"
 
 
+@checked
 def element_error(
     scene: AnyScene, radiosity: Solution | None = None, *, spp: int = 64, lookup_depth: int = 2, **options: Any
 ) -> ElementError:

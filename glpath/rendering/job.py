@@ -34,8 +34,6 @@ from glpath.io.completed import aside, camera_replaced
 from glpath.io.convert import decode_json
 from glpath.rendering.choice import chosen
 from glpath.rendering.options import (
-    check_count,
-    check_word,
     checked,
     numbers,
     settings_fields,
@@ -50,6 +48,7 @@ from glpath.scene.choices import PROJECTIONS, Projection
 from glpath.scene.geometry import Shapes
 from glpath.scene.source_location import SourceLocation
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor, SensorKey
+from glpath.system.arguments import check_count, check_word
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, whole_file
 from glpath.system.suggestions import listed_names, similar_names
 

@@ -23,7 +23,10 @@ from glpath.errors import UsageError, warning_scope
 from glpath.integrators.by_name import INTEGRATORS, Integrator, IntegratorKeywords
 from glpath.integrators.gather_settings import Solution
 from glpath.integrators.settings import IntegratorSettings, Rgb
+from glpath.rendering import run_options
 from glpath.rendering.run_options import RunKeywords, RunOptions
+from glpath.system.arguments import check_count, check_word, short_repr
+from glpath.system.arguments import checked as checked_arguments
 from glpath.system.suggestions import similar_names
 from glpath.system.time_limit import limited
 
@@ -202,7 +205,7 @@ def settings_of(integrator: str | IntegratorSettings, given: Mapping[str, Any]) 
     for option, value in given.items():
         check_name(option, known)
         if name not in known[option].settings:
-            found = str(value) if isinstance(value, Path) else repr(value)
+            found = str(value) if isinstance(value, Path) else short_repr(value)
             raise UsageError(
                 f'{option}: {found} with the integrator "{name}"; it is an option of '
                 f"{_quoted(known[option].settings, 'and')}",
@@ -234,7 +237,9 @@ def _checked(setting: Setting, value: Any) -> Any:
     if setting.several:
         given = (value,) if isinstance(value, str) else value
         if not isinstance(given, tuple | list):
-            raise UsageError(f"{name}: {value!r} where some of {', '.join(setting.given_words)} are needed")
+            raise UsageError(
+                f"{name}: {short_repr(value)} where some of {', '.join(setting.given_words)} are needed"
+            )
         for word in given:
             check_word(name, word, setting.given_words)
         return tuple(word for word in setting.words if word in given or ALL in given)
@@ -245,7 +250,7 @@ def _checked(setting: Setting, value: Any) -> Any:
         import numpy as np
 
         if not isinstance(value, bool | np.bool_):
-            raise UsageError(f"{name}: {value!r} where True or False is needed")
+            raise UsageError(f"{name}: {short_repr(value)} where True or False is needed")
         return bool(value)
     if setting.type is int:
         check_count(name, value, 0 if low is None else int(low), 2**63 if high is None else int(high))
@@ -255,7 +260,7 @@ def _checked(setting: Setting, value: Any) -> Any:
     if setting.type is float:
         number = float(numbers(name, value, 1)[0])
         if not (low is None or number >= low) or not (high is None or number <= high):
-            raise UsageError(f"{name}: {value!r} where a number {_bounds(low, high)} is needed")
+            raise UsageError(f"{name}: {short_repr(value)} where a number {_bounds(low, high)} is needed")
         return number
     if Path in get_args(setting.type):
         return _file_or_solution(name, value)
@@ -269,18 +274,10 @@ def _file_or_solution(name: str, value: Any) -> Path | Solution:
 
     if not isinstance(value, RadiositySolution):
         raise UsageError(
-            f"{name}: {value!r} where a RadiositySolution or the file of one is needed",
+            f"{name}: {short_repr(value)} where a RadiositySolution or the file of one is needed",
             "glpath.solve_radiosity makes one; without it, the scene is solved before it is rendered.",
         )
     return value
-
-
-def check_count(name: str, value: object, low: int, high: int) -> None:
-    """Raise UsageError with the option's name unless `value` is a whole number from `low` to `high`."""
-    import numpy as np
-
-    if not isinstance(value, int | np.integer) or isinstance(value, bool) or not low <= value <= high:
-        raise UsageError(f"{name}: {value!r} where a whole number from {low} to {high} is needed")
 
 
 def check_name(name: str, known: typing.Collection[str]) -> None:
@@ -296,12 +293,6 @@ def check_name(name: str, known: typing.Collection[str]) -> None:
     )
 
 
-def check_word(name: str, word: object, allowed: Sequence[str]) -> None:
-    """Raise UsageError with the allowed words unless `word` is one of them."""
-    if word not in allowed:
-        raise UsageError(f"{name}: {word!r}; allowed are {', '.join(allowed)}")
-
-
 def numbers(name: str, value: Any, count: int) -> NDArray[np.float64]:
     """Return `count` finite numbers up to 1e15. Raises UsageError with the option's name for other values."""
     import numpy as np
@@ -315,7 +306,7 @@ def numbers(name: str, value: Any, count: int) -> NDArray[np.float64]:
     if found.shape != (count,) or not np.all(np.abs(found) <= LARGEST) or isinstance(value, str):
         limit = f" up to {LARGEST:g}" if np.isfinite(found).all() and len(found) else ""
         needed = f"a finite number{limit} is" if count == 1 else f"{count} finite numbers{limit} are"
-        raise UsageError(f"{name}: {value!r} where {needed} needed")
+        raise UsageError(f"{name}: {short_repr(value)} where {needed} needed")
     return found
 
 
@@ -323,7 +314,7 @@ def whole_numbers(name: str, value: Any, count: int) -> list[int]:
     """Return `count` whole numbers of pixels. Raises UsageError with the option's name for other values."""
     found = numbers(name, value, count)
     if any(found != found.round()):
-        raise UsageError(f"{name}: {value!r} where {count} whole numbers of pixels are needed")
+        raise UsageError(f"{name}: {short_repr(value)} where {count} whole numbers of pixels are needed")
     return [int(n) for n in found]
 
 
@@ -331,7 +322,7 @@ def colour(name: str, value: float | Sequence[float]) -> Rgb:
     """Return a nonnegative radiance from one number or three. Raises UsageError with the option's name."""
     r, g, b = numbers(name, [value] * 3 if isinstance(value, int | float) else value, 3)
     if min(r, g, b) < 0:
-        raise UsageError(f"{name}: {value!r} where radiance, one or three numbers >= 0, is needed")
+        raise UsageError(f"{name}: {short_repr(value)} where radiance, one or three numbers >= 0, is needed")
     return float(r), float(g), float(b)
 
 
@@ -343,7 +334,8 @@ def with_options(*, integrators: bool = True, run: bool = True) -> Callable[[Fun
 
     integrators, run : True to add the options of all integrators, and those of a run
 
-    The decorated function raises UsageError for any other name, with all allowed names. In its docstring, {options}
+    The decorated function raises UsageError for any other name, with all allowed names, and checks its arguments as
+    `checked_arguments` does. In its docstring, {options}
     and {run_options} are replaced by a row for each option, and {default_spp} by the default of spp.
     """
 
@@ -376,7 +368,7 @@ def with_options(*, integrators: bool = True, run: bool = True) -> Callable[[Fun
         ):
             text = text.replace(placeholder, rows())
         call.__doc__ = text
-        return typing.cast("Function", call)
+        return checked_arguments(typing.cast("Function", call), vars(run_options))
 
     return decorated
 

@@ -28,12 +28,13 @@ from glpath.io.vtk import VtkMesh, points_with_values
 from glpath.rendering.calls import run_job
 from glpath.rendering.choice import for_measuring
 from glpath.rendering.job import describe
-from glpath.rendering.options import RenderKeywords, check_word, with_options
+from glpath.rendering.options import RenderKeywords, with_options
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.uniformity import Spread, spread_of
 from glpath.scene import Environment, Scene
 from glpath.scene.maintenance import maintained
 from glpath.sensors.sensor import PointSensor
+from glpath.system.arguments import check_word, checked
 from glpath.system.frames import data_frame, data_set
 
 Float64 = NDArray[np.float64]
@@ -46,6 +47,7 @@ Receiver = Literal["plane", "cylinder"]
 _AROUND = 32
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Irradiance:
     """Irradiance at points.

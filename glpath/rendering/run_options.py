@@ -17,6 +17,7 @@ from glpath.errors import UsageError
 from glpath.sampling import MAX_SPP
 from glpath.system.interactive import in_notebook
 from glpath.system.machine import limit_threads
+from glpath.system.reporting import Mode
 from glpath.system.time_limit import check_time_limit
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from glpath.rendering.job import RenderJob
     from glpath.rendering.progress import Progress
     from glpath.scene import Scene
-    from glpath.system.reporting import Mode
 
 
 class Workers(Protocol):

@@ -22,12 +22,13 @@ from glpath.io import AnyScene, load_scene
 from glpath.io.completed import camera_replaced
 from glpath.rendering.calls import reporting_to, warn_about
 from glpath.rendering.job import describe
-from glpath.rendering.options import RenderKeywords, check_word, with_options
+from glpath.rendering.options import RenderKeywords, settings_of, with_options
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.session import Session
 from glpath.scene import check_camera
 from glpath.scene.camera_matrices import CONVENTIONS, Convention, cameras
 from glpath.sensors.sensor import CameraSensor
+from glpath.system.arguments import check_word
 from glpath.system.time_limit import limited
 
 Float64 = NDArray[np.float64]
@@ -106,7 +107,8 @@ def render_views(
     for name in ("film", "cluster"):
         if getattr(run_options, name) is not None:
             raise UsageError(f"{name}: of a single render, but there are {len(seen_by)} views.", "Leave it out.")
-    chosen["aovs"] = (*_AOVS, *(name for name in chosen.get("aovs", ()) if name not in _AOVS))
+    further = settings_of("path", {"aovs": chosen.get("aovs", ())}).aovs
+    chosen["aovs"] = (*_AOVS, *(name for name in further if name not in _AOVS))
     with camera_replaced(seen_by[0]):
         loaded = load_scene(scene, parameters)
     check_camera(seen_by[0], "poses[0]")

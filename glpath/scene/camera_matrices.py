@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from glpath.errors import UsageError
 from glpath.scene.camera import Camera
 from glpath.scene.geometry import Float64
+from glpath.system.arguments import checked
 
 Convention = Literal["opengl", "opencv"]
 CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
@@ -23,6 +24,7 @@ _RIGID = 1e-4
 _SKEW = 1e-9
 
 
+@checked
 def camera(
     pose: ArrayLike,
     K: ArrayLike,

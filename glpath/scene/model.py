@@ -25,6 +25,7 @@ from glpath.scene.profile import LightProfile
 from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
 from glpath.scene.studio import ground_below, nearest_axis, studio
+from glpath.system.arguments import checked
 from glpath.system.terminal import encodable
 
 __all__ = [
@@ -90,6 +91,7 @@ class Light:
     maintenance_factor: float | None = None
 
 
+@checked
 @dataclass(frozen=True, repr=False)
 class Scene:
     """Scene with everything that a renderer needs, as arrays.
@@ -341,11 +343,6 @@ class Scene:
 
         Raises UsageError for values that are not a camera, and for unknown names.
         """
-        if not isinstance(camera, Camera | None):
-            raise UsageError(
-                f"camera: {type(camera).__name__} where a Camera is needed",
-                "Make one, glpath.scene.Camera(...); or name what changes: with_camera(position=(0, 1, 5)).",
-            )
         known = [field.name for field in fields(Camera)]
         for name in changes:
             if name not in known:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneError
+from glpath.system.arguments import checked
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -22,6 +23,7 @@ _FINEST = 1e-9
 _COARSEST = 1e9
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class HeightField:
     """Heights above a plane at the samples of a regular grid; x is east, y is north, z is up.

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -23,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError, warn
 from glpath.scene.geometry import LARGEST
+from glpath.system.arguments import checked
 from glpath.system.frames import data_set
 from glpath.system.machine import core_count
 from glpath.system.reporting import ProgressEvent
@@ -44,6 +46,7 @@ _CHUNK = 1 << 13
 _PART = 1 << 18
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Horizon:
     """Receivers on or over a height field, with methods for the visible part of sky and sun.
@@ -133,7 +136,7 @@ class Horizon:
         at = {axis: ("point", self.points[:, i]) for i, axis in enumerate("xyz")}
         return data_set({name: ("point", each) for name, each in values.items()}, at, attributes)
 
-    def save(self, path: Any, values: ArrayLike) -> None:
+    def save(self, path: str | Path, values: ArrayLike) -> None:
         """Write a result as .tif with the field's georeference, .npy, .npz, or .csv for points; see the guide."""
         from glpath.terrain.saving import save
 
@@ -269,6 +272,7 @@ class Horizon:
         return values.reshape(self.shape)
 
 
+@checked
 def horizon(
     field: AnyField,
     points: ArrayLike | None = None,

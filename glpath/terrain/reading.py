@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import GlpathError, SceneError, warn
 from glpath.scene.geometry import LARGEST
+from glpath.system.arguments import checked
 from glpath.system.files import check_file, open_file, read_bytes, reading, reason_of
 from glpath.system.npz import check_unfolded, open_npz, read_npy
 from glpath.terrain.height_field import HeightField
@@ -68,6 +69,7 @@ _HOW_NPZ = "np.savez(path, heights=..., spacing=(dx, dy), origin=(x, y))"
 AnyField = HeightField | str | Path | ArrayLike
 
 
+@checked
 def load_height_field(
     source: AnyField,
     *,
@@ -331,6 +333,7 @@ def _height_unit(path: Path, raster: Any) -> float:
     return 1.0
 
 
+@checked
 def load_point_cloud(path: str | Path, classes: tuple[int, ...] = ()) -> Float64:
     """Return points (N, 3) of a LAS or LAZ file, in its units; needs the extra `terrain`.
 

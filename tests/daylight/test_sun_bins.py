@@ -44,6 +44,6 @@ def test_every_sun_of_the_year_is_near_a_bin(latitude: float, count: int) -> Non
 def test_latitudes_that_are_none_are_refused() -> None:
     with pytest.raises(UsageError, match="from -90 to 90"):
         SunBins.of(91.0, COMPASS)
-    with pytest.raises(UsageError, match="bins of the sun"):
+    with pytest.raises(UsageError, match="suns: 0 where a whole number from 1"):
         SunBins.of(0.0, COMPASS, 0)
     assert len(SunBins.of(50.0, COMPASS, 1).directions) == 1

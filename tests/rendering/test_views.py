@@ -139,7 +139,7 @@ def test_a_shifted_principal_point_is_a_part_of_a_larger_picture() -> None:
         (np.eye(4), K * [[1], [-1.1], [1]], {}, "both must be above 0"),
         (np.eye(4), with_entry(0, 1, 2.0), {}, "without skew"),
         (np.full((4, 4), np.nan), K, {}, "not finite"),
-        ("pose", K, {}, "no array of numbers"),
+        ("pose", K, {}, "where an array of numbers is needed"),
         (np.eye(4), K, {"convention": "blender"}, "convention"),
         (np.eye(4), K, {"resolution": (0, 3)}, "resolution"),
     ],

@@ -12,6 +12,7 @@ from glpath.io.export.mitsuba_xml import write_xml
 from glpath.io.from_python import AnyScene
 from glpath.io.library import load_scene
 from glpath.scene.model import Scene
+from glpath.system.arguments import checked
 from glpath.system.files import is_stream
 
 #: Default maximum depth. It stands for all bounces, the default of `glpath.render`, so that Mitsuba computes the
@@ -21,6 +22,7 @@ SPP = 64
 _MITSUBA, _GLTF = ".xml", ".glb"
 
 
+@checked
 def export(
     scene: AnyScene,
     path: str | Path,

@@ -9,17 +9,19 @@ import numpy as np
 from glpath.io.honeybee.model import read_model_file
 from glpath.scene.geometry import Float64
 from glpath.scene.source_location import SourceLocation
+from glpath.system.arguments import checked
 from glpath.system.suggestions import listed_names
 
 
-def sensor_points(path: Path, grid: str | None = None) -> tuple[Float64, Float64]:
+@checked
+def sensor_points(path: str | Path, grid: str | None = None) -> tuple[Float64, Float64]:
     """Return the positions (N, 3) and directions (N, 3) of a file's sensors, in the units of the file.
 
     grid : identifier or display name of one grid; None for all grids in sequence
 
     Raises SceneError if the file has no such grid, or no grid at all.
     """
-    grids = read_model_file(path).radiance.sensor_grids or []
+    grids = read_model_file(Path(path)).radiance.sensor_grids or []
     location = SourceLocation(str(path))
     if not grids:
         raise location.error("has no sensor grids.", "Lay a grid in a plane, or name points of your own.")

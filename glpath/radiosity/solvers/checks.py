@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, get_args
+from collections.abc import Mapping
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.solvers import matrix
 from glpath.scene import Scene
 from glpath.scene.source_location import SourceLocation
+from glpath.system.arguments import check_count, check_word
 
 Method = Literal["progressive", "matrix", "monte-carlo"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -26,41 +28,36 @@ _BYTES_PER_POINT = 400
 _SAMPLES = (1, 4, 9, 16, 25)
 # Options that are whole numbers, with minimum and maximum.
 _COUNTS = {
+    "patches": (1, 2**53),
     "splits": (0, 20),
     "adaptive": (0, 20),
     "max_steps": (1, 2**53),
     "particles": (1, 2**53),
+    "emitter_samples": (1, max(_SAMPLES)),
+    "receiver_points": (1, 2**53),
     "seed": (0, 2**63 - 1),
 }
 
 
-def check_options(options: dict[str, object]) -> None:
+def check_options(options: Mapping[str, Any]) -> None:
     """Raise UsageError for options of `solve_radiosity` that are out of range or contradict each other."""
-    o = dict(options)
-    for name, allowed in (("method", METHODS), ("form_factors", KINDS), ("emitter_samples", _SAMPLES)):
-        if o[name] not in allowed:
-            raise UsageError(
-                f"solve_radiosity: {name} is {o[name]!r}; allowed are {', '.join(str(a) for a in allowed)}."
-            )
+    o = options
+    check_word("method", o["method"], METHODS)
+    check_word("form_factors", o["form_factors"], KINDS)
     for name, (low, high) in _COUNTS.items():
-        value = o[name]
-        if not (isinstance(value, int) and low <= value <= high):
-            raise UsageError(f"solve_radiosity: {name} is {value}; must be a whole number from {low} to {high}.")
-    if not (
-        isinstance(o["receiver_points"], int) and 1 <= o["receiver_points"] == math.isqrt(o["receiver_points"]) ** 2
-    ):
-        raise UsageError(
-            f"solve_radiosity: receiver_points is {o['receiver_points']}; allowed are 1, 4, 9, 16, ..."
-        )
+        if o[name] is not None:
+            check_count(name, o[name], low, high)
+    if o["emitter_samples"] not in _SAMPLES:
+        raise UsageError(f"emitter_samples: {o['emitter_samples']}; allowed are {', '.join(map(str, _SAMPLES))}")
+    if math.isqrt(o["receiver_points"]) ** 2 != o["receiver_points"]:
+        raise UsageError(f"receiver_points: {o['receiver_points']}; allowed are 1, 4, 9, 16, ...")
     if o["patches"] is not None and o["size"] is not None:
         raise UsageError("solve_radiosity: patches and size contradict each other.", "Give one of them.")
-    if o["patches"] is not None and not int(str(o["patches"])) >= 1:
-        raise UsageError(f"solve_radiosity: patches is {o['patches']}; must be a whole number from 1.")
     for name, above, max_value in (("size", 0.0, math.inf), ("threshold", 0.0, math.inf), ("unshot", 0.0, 1.0)):
         value = o[name]
-        if value is not None and not above < float(str(value)) < max_value:
+        if value is not None and not above < value < max_value:
             bound = f"above {above:g}" + (f" and below {max_value:g}" if max_value < math.inf else " and finite")
-            raise UsageError(f"solve_radiosity: {name} is {value}; must be {bound}.")
+            raise UsageError(f"{name}: {value} where a number {bound} is needed")
     if o["adaptive"] and o["method"] == "matrix":
         raise UsageError(
             'solve_radiosity: adaptive subdivision is for methods "progressive" and "monte-carlo", not "matrix".',

@@ -36,6 +36,7 @@ from glpath.radiosity.solvers.particles import BATCH
 from glpath.radiosity.solvers.progressive import Refinement
 from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64
+from glpath.system.arguments import checked
 from glpath.system.heartbeat import heartbeat
 from glpath.system.kernels import announced, waiting
 from glpath.system.time_limit import (
@@ -166,6 +167,7 @@ class _Run:
         )
 
 
+@checked
 def solve_radiosity(
     scene: AnyScene,
     *,

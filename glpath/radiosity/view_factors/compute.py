@@ -30,6 +30,7 @@ from glpath.radiosity.view_factors.faces import Faces, Geometry, faces_of
 from glpath.radiosity.view_factors.records import Work
 from glpath.radiosity.view_factors.result import ViewFactors
 from glpath.radiosity.view_factors.rows import COUNT_NAMES, Rows, exchange_rows
+from glpath.system.arguments import checked
 from glpath.system.checkpoint import CheckpointFile
 from glpath.system.files import check_writable, whole_file
 from glpath.system.kernels import announced, waiting
@@ -106,6 +107,7 @@ class _Part:
     counts: Int64
 
 
+@checked
 def view_factors(
     faces: Any,
     *,

@@ -29,6 +29,7 @@ from glpath.radiosity.view_factors.formats import (
     write_text,
 )
 from glpath.radiosity.view_factors.heat_exchange import RadiativeExchange, exchange_of
+from glpath.system.arguments import checked
 from glpath.system.files import whole_file
 from glpath.system.frames import data_frame, data_set
 from glpath.system.npz import open_npz
@@ -42,6 +43,7 @@ _OPEN = 0.02
 _ROUNDS = 20
 
 
+@checked
 @dataclass(frozen=True, eq=False, repr=False)
 class ViewFactors:
     """View factors between N faces or groups of faces, and to their surroundings.

@@ -1,0 +1,285 @@
+"""Wrong arguments of public functions raise UsageError, which names the argument, before any work."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import pickle
+import time
+from collections import ChainMap
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import glpath
+from glpath.errors import GlpathError, UsageError
+from glpath.rendering import run_options
+from glpath.rendering.options import options
+from glpath.rendering.points import Irradiance
+from glpath.scene import Scene
+from glpath.system.arguments import checked, short_repr, types_of
+
+# Integer that Python refuses to write in decimal.
+HUGE = 10**5000
+BOX = "cornell-box-36"
+POSE = np.eye(4)
+K = [[60.0, 0.0, 32.0], [0.0, 60.0, 24.0], [0.0, 0.0, 1.0]]
+HEIGHTS = np.zeros((4, 4))
+FLOOR = [[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]]
+POINT, UP = [[0.0, 0.0, 0.0]], [0.0, 1.0, 0.0]
+WORDS = np.array(["a", "b"])
+
+
+# Function, positional arguments that are right, and a wrong value of each keyword argument.
+Case = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
+CASES: list[Case] = [
+    (glpath.render, (BOX,), {name: HUGE for name in ("spp", "first_path_set", "device", "threads", "time_limit")}),
+    (glpath.render, (BOX,), {name: HUGE for name in ("noise", "clean", "seed", "max_depth", "lookup_depth")}),
+    (glpath.render, (BOX,), {"resolution": (HUGE, 8), "crop": (0, 0, HUGE, 1), "camera": {"fov": HUGE}}),
+    (glpath.render, (BOX,), {"parameters": {"a": HUGE}, "ambient": HUGE, "progress": HUGE, "integrator": HUGE}),
+    (glpath.render, (BOX,), {"film": "prev.npz", "on_step": 1, "on_progress": True, "strict": "no"}),
+    (glpath.render, (BOX,), {name: WORDS for name in ("device", "backend", "integrator", "sampling", "guide")}),
+    (glpath.render, (BOX,), {"parameters": {1: 2}, "timings": "yes", "require_gpu": WORDS, "cluster": 5}),
+    (glpath.render_frames, (BOX,), {"frames": None, "spp": HUGE}),
+    (glpath.render_views, (BOX, POSE, K), {"resolution": 64, "spp": HUGE, "convention": WORDS}),
+    (glpath.irradiance, (BOX, POINT, UP), {"maintenance_factor": "0.8", "film": "prev.npz", "receiver": WORDS}),
+    (glpath.irradiance, (BOX,), {"points": [[HUGE, 0, 0]], "normals": "up"}),
+    (glpath.probes, (BOX,), {"grid": [[1, 2], [3]], "bounds": [[1, 2], [3]], "film": "prev.npz", "spp": HUGE}),
+    (glpath.lightmap, (BOX,), {"uv": WORDS, "denoise": WORDS, "size": HUGE, "texels": HUGE}),
+    (glpath.lightmap, (BOX,), {"denoise": "x"}),
+    (glpath.load_scene, (), {"scene": {"name": HUGE}}),
+    (glpath.load_scene, (BOX,), {"parameters": {1: 2}}),
+    (glpath.load_scene, (BOX,), {"parameters": [("a", 1)]}),
+    (glpath.export, (BOX,), {"path": None}),
+    (glpath.export, (BOX,), {"path": b"a.glb"}),
+    (glpath.export, (BOX, "a.xml"), {"spp": HUGE, "parameters": {1: 2}}),
+    (glpath.element_error, (BOX,), {"spp": HUGE, "lookup_depth": HUGE}),
+    (glpath.solve_radiosity, (BOX,), {"unshot": "0.1", "threshold": True, "patches": True, "checkpoint": True}),
+    (glpath.solve_radiosity, (BOX,), {"unshot": True, "shafts": True, "overshoot": b"x", "ambient": b"x"}),
+    (glpath.solve_radiosity, (BOX,), {"overshoot": "no", "method": WORDS, "form_factors": WORDS, "for_camera": 1}),
+    (
+        glpath.solve_radiosity,
+        (BOX,),
+        {
+            name: HUGE
+            for name in (
+                "patches",
+                "size",
+                "splits",
+                "adaptive",
+                "threshold",
+                "unshot",
+                "max_steps",
+                "emitter_samples",
+                "receiver_points",
+                "particles",
+                "seed",
+                "time_limit",
+            )
+        },
+    ),
+    (glpath.solve_radiosity, (BOX,), {"on_progress": True, "emitter_samples": True, "receiver_points": True}),
+    (glpath.view_factors, (FLOOR,), {"error": HUGE, "threads": HUGE, "on_progress": True, "flip": "x"}),
+    (glpath.view_factors, (FLOOR,), {"resume": "a\0b", "enforce": [3], "flip": WORDS}),
+    (
+        glpath.daylight_coefficients,
+        (BOX, POINT, UP),
+        {"latitude": "50", "suns": "600", "subdivision": [], "resume": "a\0b", "on_progress": True, "device": "0"},
+    ),
+    (
+        glpath.daylight_coefficients,
+        (BOX, POINT, UP),
+        {name: HUGE for name in ("latitude", "suns", "subdivision", "samples", "max_depth", "elements", "seed")},
+    ),
+    (glpath.daylight_coefficients, (BOX, POINT, UP), {"suns": 1.5, "shard": 3, "cluster": 5, "receiver": WORDS}),
+    (glpath.horizon, (HEIGHTS,), {"height": "2", "on_progress": True, "azimuths": HUGE, "holes": "x"}),
+    (glpath.horizon, (HEIGHTS,), {"height": HUGE, "spacing": HUGE, "points": [[HUGE, 0]]}),
+    (glpath.load_height_field, (HEIGHTS,), {"origin": 5, "holes": "x", "spacing": HUGE}),
+    (glpath.texels, (BOX, 100.0), {"shapes": 3}),
+    (glpath.texels, (BOX,), {"size": HUGE}),
+    (glpath.camera, (POSE, K), {"resolution": 64, "convention": WORDS}),
+    (glpath.camera, (POSE,), {"K": [[HUGE]]}),
+    (glpath.relative_mse, (np.ones((2, 2, 3)), np.ones((2, 2, 3))), {"epsilon": -1}),
+    (glpath.relative_mse, (np.ones((2, 2, 3)), np.ones((2, 2, 3))), {"epsilon": float("nan")}),
+    (glpath.relative_mse, (np.ones((2, 2, 3)), np.ones((2, 2, 3))), {"epsilon": HUGE}),
+    (glpath.read_image, (), {"path": None}),
+    (glpath.read_image, (), {"path": b"a.png"}),
+    (glpath.load_point_cloud, (), {"path": None}),
+    (glpath.load_point_cloud, ("a.laz",), {"classes": 5}),
+    (glpath.Film.save, (None,), {"path": None}),
+    (glpath.Film.save, (None,), {"path": b"a.png"}),
+    (glpath.Film.save, (None,), {"path": "a\0.png"}),
+    (glpath.Film.save, (None, "a.png"), {"exposure": HUGE, "denoise": 1}),
+    (glpath.Film.load, (), {"path": None}),
+    (glpath.RadiositySolution.load, (), {"path": None, "scene": 3}),
+]
+EACH = [
+    pytest.param(function, given, name, value, id=f"{function.__qualname__}-{name}-{short_repr(value)[:30]}")
+    for function, given, wrong in CASES
+    for name, value in wrong.items()
+]
+
+
+@pytest.mark.parametrize(("function", "given", "name", "value"), EACH)
+def test_a_wrong_argument_is_refused_with_its_name(
+    function: Callable[..., Any], given: tuple[Any, ...], name: str, value: Any
+) -> None:
+    with pytest.raises(UsageError, match=rf"\b{name}\b"):
+        function(*given, **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("coefficients", 3), ("weather", None), ("weather", b"a.epw"), ("occupied", "8-18"), ("occupied", 8),
+        ("occupied", (8, HUGE)), ("blinds", 3), ("threshold", "300"), ("threshold", HUGE), ("ground", "0.2"),
+    ],
+    ids=short_repr,
+)  # fmt: skip
+def test_a_year_of_daylight_refuses_wrong_arguments(name: str, value: Any) -> None:
+    coefficients = object.__new__(glpath.DaylightCoefficients)
+    with pytest.raises(UsageError, match=rf"^{name}\b"):
+        glpath.daylight_year(**{"coefficients": coefficients, "weather": "a.epw", name: value})
+
+
+def test_sensor_points_need_a_path() -> None:
+    from glpath.io.honeybee import sensor_points
+
+    with pytest.raises(UsageError, match="path"):
+        sensor_points(3, "desk")  # type: ignore[arg-type]
+
+
+def test_a_large_integer_is_described_by_its_digits() -> None:
+    with pytest.raises(UsageError, match=r"^spp: an integer of 5,001 digits where"):
+        glpath.render(BOX, spp=HUGE)
+
+
+@pytest.mark.parametrize(
+    "nested", [[[HUGE]], {"a": [{"b": (1, HUGE)}]}, {HUGE: 1}, np.array([HUGE], object), {HUGE}], ids=short_repr
+)
+def test_large_integers_are_found_within_other_values(nested: Any) -> None:
+    with pytest.raises(UsageError, match="scene: an integer of 5,001 digits"):
+        glpath.load_scene(nested)
+
+
+def test_lists_that_contain_themselves_end_the_search() -> None:
+    endless: list[Any] = [1]
+    endless.append(endless)
+    with pytest.raises(GlpathError):
+        glpath.load_scene(endless)  # type: ignore[arg-type]
+
+
+def test_a_film_in_place_of_its_file_is_the_remedy() -> None:
+    with pytest.raises(UsageError, match=r"film: 'prev.npz' where a Film or None is needed\n  glpath.Film.load"):
+        glpath.render(BOX, film="prev.npz")  # type: ignore[arg-type]
+
+
+def _public() -> Iterator[tuple[str, Callable[..., Any]]]:
+    """Yield each public function, method and class method, with its name."""
+    for name in glpath.__all__:
+        found = getattr(glpath, name)
+        if inspect.isfunction(found):
+            yield name, found
+        elif inspect.isclass(found) and not issubclass(found, BaseException):
+            for method in dir(found):
+                member = inspect.getattr_static(found, method)
+                member = getattr(member, "__func__", member)
+                if not method.startswith("_") and inspect.isfunction(member):
+                    yield f"{name}.{method}", member
+
+
+def _complete(result: Any) -> None:
+    """Render frames, which a generator renders one by one."""
+    list(result if inspect.isgenerator(result) else ())
+
+
+@pytest.mark.parametrize("name", [name for name, _ in _public()])
+def test_each_parameter_refuses_an_object_of_another_type(name: str) -> None:
+    function = dict(_public())[name]
+    right: dict[str, Any] = {
+        "points": POINT,
+        "normals": UP,
+        "scene": BOX,
+        "size": 100.0,
+        "faces": FLOOR,
+        "pose": POSE,
+    }
+    right |= {"K": K, "poses": POSE, "frames": [], "image": np.ones((2, 2, 3)), "field": HEIGHTS, "path": "a.none"}
+    right["reference"] = right["image"]
+    for parameter in list(inspect.signature(function).parameters.values()):
+        if parameter.name in ("self", "cls") or parameter.annotation in ("object", "Any"):
+            continue
+        if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
+            continue
+        if parameter.name in options() and name != "render":
+            continue  # all functions share these checks, but some functions work for seconds before
+        needed = [p for p in inspect.signature(function).parameters.values() if p.default is p.empty]
+        given = {p.name: right.get(p.name) for p in needed if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)}
+        with pytest.raises(GlpathError):
+            _complete(function(**{**given, parameter.name: object()}))
+
+
+def test_names_in_annotations_have_values_or_are_classes() -> None:
+    """A name that only type checkers import is taken for a class, so it must not be the name of a union."""
+    unknown = set()
+    for _, function in _public():
+        names = ChainMap(inspect.unwrap(function).__globals__, vars(run_options))
+        for parameter in inspect.signature(function).parameters.values():
+            for each in types_of(parameter.annotation, names) or ():
+                unknown.update({each.needed} if isinstance(each.accepts, functools.partial) else ())
+    assert unknown <= {"a Film", "a Connection", "a Weather", "a Material", "a Camera", "a Scene", "a Surfaces"}
+
+
+def test_numpy_scalars_and_numbers_of_other_types_are_allowed() -> None:
+    seen = {}
+
+    @checked
+    def call(count: int, size: float, flag: bool, pair: tuple[int, int] | None = None) -> None:
+        seen.update(locals())
+
+    call(np.int64(3), np.float32(2), np.bool_(True), pair=np.array([1, 2]))  # type: ignore[arg-type]
+    assert type(seen["count"]) is int
+    assert seen["flag"] is True
+    assert type(seen["size"]) is np.float32
+    call(3, Fraction(1, 2), False, pair=[64.0, 64.0])  # type: ignore[arg-type]
+    for wrong in (np.array(3), True, 3.0, "3"):
+        with pytest.raises(UsageError, match=r"^count"):
+            call(wrong, 1.0, True)  # type: ignore[arg-type]
+
+
+def test_a_solver_takes_integers_of_numpy() -> None:
+    counts = {name: np.int64(1) for name in ("max_steps", "receiver_points", "emitter_samples", "particles")}
+    options: dict[str, Any] = {"patches": np.int64(12), "seed": np.int64(3), "splits": np.int64(0), **counts}
+    ours = glpath.solve_radiosity(BOX, **options)
+    plain = glpath.solve_radiosity(BOX, **{name: int(value) for name, value in options.items()})
+    assert ours.settings == plain.settings
+    assert np.array_equal(ours.elements, plain.elements)
+
+
+def test_checked_functions_keep_name_text_and_signature() -> None:
+    assert pickle.loads(pickle.dumps(glpath.camera)) is glpath.camera
+    assert (glpath.camera.__name__, glpath.camera.__module__) == ("camera", "glpath.scene.camera_matrices")
+    assert list(inspect.signature(glpath.camera).parameters) == ["pose", "K", "resolution", "convention"]
+    assert (inspect.getdoc(Scene.at) or "").strip()
+    assert inspect.ismethod(glpath.Film.load)
+    assert inspect.getdoc(Irradiance.spread)
+
+
+@pytest.mark.timed
+def test_the_checks_take_less_than_20_microseconds() -> None:
+    @checked
+    def call(scene: Any, points: list[float], spp: int = 1, size: float = 1.0, path: str | Path = "a") -> None:
+        pass
+
+    call(BOX, [1.0])
+    best = 1.0
+    for _ in range(20):
+        start = time.process_time()
+        for _ in range(1000):
+            call(BOX, [1.0, 2.0, 3.0], spp=4, size=2.0, path="film.npz")
+        best = min(best, (time.process_time() - start) / 1000)
+    assert best < 20e-6
