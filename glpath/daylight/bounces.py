@@ -1,14 +1,15 @@
 """Reflected light at sensors, for all patches of the sky and all sun positions at once.
 
-Surfaces are divided into elements, whose direct light is computed as for sensors. There is one column for each
-patch and sun position. Rays between the elements give a matrix F of form factors, and one linear system is solved
-for all columns. Rays from the sensors are cast once, and give a matrix W of weights of the elements that they hit.
+Surfaces are divided into elements, whose direct light is computed as for sensors. Rays between the elements give a
+matrix F of form factors, for one linear system. Rays from the sensors are cast once, and give a matrix W of weights
+of the elements that they hit.
 
     H = E + F B,  B = rho H,  indirect = W B
 
 E is the direct irradiance of the elements' sides, H their total irradiance, B their radiosity and rho their
-reflectance. All surfaces count as diffuse, even metal. Reflectance is a luminance, so colours do not bleed. Columns
-are solved in groups, so that only the sensors' results of a large scene stay in memory.
+reflectance. E, H and B have one row for each side, and one column for each patch and sun position. All surfaces
+count as diffuse, even metal. Reflectance is a luminance, so colours do not bleed. Columns are solved in groups, so
+that only the sensors' results of a large scene stay in memory.
 
 Cost:     a core microsecond for each ray; a dense matrix of R x R sides, or a sparse one beyond `DENSE` sides.
 Poor at:  caustics of mirrors or solid glass; sun patches smaller than the elements near the sensors.

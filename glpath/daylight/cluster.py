@@ -106,7 +106,7 @@ def computed_by(
 
 
 class _Shards:
-    """Shards that workers compute."""
+    """Shards of one computation on the workers of a cluster. A shard is a range of the sensors."""
 
     def __init__(self, cluster: Connection, shared: DaylightWork, count: int, wanted: list[int]) -> None:
         self._cluster, self._shared, self._count, self._wanted = cluster, shared, count, wanted

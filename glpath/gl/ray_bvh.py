@@ -185,10 +185,12 @@ def _compiled(scene: DeviceScene, paths: NDArray[np.int64]) -> _Built:
 
 
 class _Built(NamedTuple):
-    """Tree that was built on the CPU, and its slots.
+    """Tree that was built on the CPU, and the slots that hold its nodes and items on the device.
 
-    items : (N, 3), see `_items`
-    table : slots of the tree
+    items : (N, 3) triangles of the leaves, as returned by `_items`
+    wide  : tree with up to four children a node
+    grid  : grid of the boxes' integer coordinates
+    table : contents of the slots, see `LAYOUT`
     """
 
     items: NDArray[Any]

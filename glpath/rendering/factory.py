@@ -148,9 +148,10 @@ class Plan(ABC):
         """
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
-        """Return the plan with results that need the traceable scene but no context, that is a radiosity solution.
+        """Return the plan with the results that need no OpenGL context, such as a radiosity solution.
 
-        say : function called at intervals with a description of the work
+        scene : result of `traceable`
+        say   : function called at intervals with a description of the work
         """
         return self
 
@@ -454,8 +455,10 @@ class _Gathering(Plan):
     """Plan of "gather", which looks up a radiosity solution.
 
     solution : solution of the prepared plan: the given one, from its file, or made for the scene
-    proxies  : meshes to solve instead of streams, in the prepared plan of a scene with streams
-    is_resumed : True if the film was begun with a complete solution, which it needs again
+    proxies  : meshes that replace the streamed triangles in the radiosity solution; None if the plan is not
+               prepared or the scene has no streams
+    is_resumed : True if the plan resumes a film that was begun with a complete solution. It then needs a complete
+                 solution again
     """
 
     settings: GatherSettings

@@ -262,7 +262,7 @@ class Scene:
         Computed on first use and shared by solver, guides and gathering, because it takes seconds for a textured
         room.
         """
-        from glpath.scene.appearance import Appearance  # imports the image readers
+        from glpath.scene.appearance import Appearance  # late, because it imports the image readers
 
         found = Appearance(self).side_reflectance()
         found.flags.writeable = False

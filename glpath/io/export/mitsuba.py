@@ -251,7 +251,7 @@ def _sky(sky: Sky | Environment) -> Plugin:
 
 
 def _envmap(sky: Sky | Environment, axes: tuple[Float64, Float64, Float64], size: tuple[int, int]) -> Plugin:
-    """Return an environment map with the radiance of a sky in Mitsuba's directions.
+    """Return a Mitsuba environment map whose texels hold the radiance of `sky` in their directions.
 
     Mitsuba's first row lies exactly at the upper pole and its last row at the lower pole. Its columns lie at the
     centres of equal steps of the azimuth. A map of h rows is written as 2 h + 1 rows, which interpolate like the
