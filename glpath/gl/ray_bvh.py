@@ -63,7 +63,7 @@ def ray_bvh_glsl(stack: int) -> str:
     )
 
 
-# GLSL function for the position of a slot's first of four texels; no slot crosses the end of a row.
+# GLSL function that returns the position of the first of a slot's four texels. These lie in one row of the texture.
 _SLOT_AT = f"""ivec2 ray_slot_at(int slot)
 {{
     int i = 4 * slot;

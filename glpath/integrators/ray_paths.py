@@ -173,7 +173,8 @@ class RayPathEngine(PathSetEngine):
         hardware = context_of(gl).info.hardware
         self._bounces = min(max(2, settings.path_length), _MAX_BOUNCES)
         self._branches = settings.branches
-        # Two samplers: one runs ahead of the other, and a sampler caches the numbers of only a few sets.
+        # Two samplers, because one runs ahead of the other, and a sampler caches the sample values of only a few
+        # path sets.
         sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
         self._sampler = self._branch_sampler = sampler
         if self._branches > 1:

@@ -265,7 +265,7 @@ def _edges_cross_of(outlines: Float64) -> NDArray[np.bool_]:
 
 
 def _ears_of_each(outlines: Float64, sizes: Sequence[int]) -> list[Int64]:
-    """Return the (F, 3) corner numbers of the triangles of each outline, by ear clipping.
+    """Return the triangles of each outline as (F, 3) corner indices, by ear clipping.
 
     outlines : (N, k, 2) points: a counter-clockwise ring, then its holes
     sizes    : number of corners of the ring, and of each hole

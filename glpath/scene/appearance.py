@@ -145,7 +145,7 @@ class Appearance:
     def mean_reflectance(self, triangle: Int64 | None = None, corners: Float64 = WHOLE) -> Float64:
         """Return the (P, 3) float64 mean reflectance of parts of triangles.
 
-        triangle : (P,) numbers of the triangles; None: all triangles
+        triangle : (P,) indices of the triangles; None: all triangles
         corners  : (P, 3, 2) barycentric coordinates of each part's corners
         """
         return self._means(self.reflectance, "reflectance", triangle, corners, 3)

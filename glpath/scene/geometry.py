@@ -34,7 +34,7 @@ class Mesh:
     """Triangles that share vertices. A mesh is equal only to itself; shapes with the same mesh are its instances.
 
     vertices : (V, 3) float64
-    faces    : (F, 3) int32 numbers of vertices, counter-clockwise seen from the front
+    faces : (F, 3) int32 vertex indices, counter-clockwise seen from the front
     uv       : (V, 2) float64 texture coordinates of the vertices, or None
     normals  : (V, 3) float64 unit shading normals on the front's side, or None; zeros stand for the face normal
     uv1      : (V, 2) float64 second texture coordinates, or None

@@ -160,7 +160,7 @@ def _clustered(surface: _Surface, lower: Float64, cell: float) -> _Surface:
 
 
 def _keys(points: Float64, lower: Float64, cell: float) -> Int64:
-    """Return (N,) numbers of the cells that contain points (N, 3)."""
+    """Return (N,) for each point (N, 3) the key of its cell: the cell's indices along x, y and z, 20 bits each."""
     x, y, z = np.maximum(np.floor((points - lower) / cell), 0).astype(np.int64).T
     return np.asarray(x | y << 20 | z << 40)
 
