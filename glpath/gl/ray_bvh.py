@@ -83,7 +83,7 @@ class RayBvh:
         table: Rows
         of_meshes: dict[str, object] = {}
         if scene.instances is not None:
-            from glpath.gl.instance_bvh import InstanceBvh  # imports numba, which is slow
+            from glpath.gl.instance_bvh import InstanceBvh  # late, because numba is slow to import
 
             trees = InstanceBvh.of(scene.instances)
             grid, table, stack, of_meshes = trees.grid, trees.table, trees.stack, trees.uniforms
@@ -365,6 +365,6 @@ def _tree(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> Bvh:
     lower, upper = _item_boxes(triangles, items)
     if len(items) <= SWEPT:
         return sweep_bvh(lower, upper)
-    from glpath.accel.bvh import build_bvh  # imports numba, which is slow
+    from glpath.accel.bvh import build_bvh  # late, because numba is slow to import
 
     return build_bvh(lower, upper, leaf_size=1)

@@ -268,7 +268,7 @@ def _checked(setting: Setting, value: Any) -> Any:
 def _file_or_solution(name: str, value: Any) -> Path | Solution:
     if isinstance(value, str | Path):
         return Path(value)
-    from glpath.radiosity.solution import RadiositySolution  # slow to import
+    from glpath.radiosity.solution import RadiositySolution  # late, because the import is slow
 
     if not isinstance(value, RadiositySolution):
         raise UsageError(

@@ -326,7 +326,7 @@ def _in_one_order(curves: Float64) -> tuple[Float64, NDArray[np.bool_]]:
 
 
 def _same_rows(rows: Float64) -> Int64:
-    """Return (N,) numbers that are equal for rows (N, 3) with the same bits."""
+    """Return (N,) indices that are equal for points (N, 3) with the same bits."""
     whole = np.ascontiguousarray(rows + 0.0)
     _, which = np.unique(whole.view(np.dtype((np.void, 24))).ravel(), return_inverse=True)
     return np.asarray(which.ravel(), np.int64)

@@ -116,7 +116,7 @@ def _clustered_stream(stream: Stream, lower: Float64, cell: float) -> _Surface:
 class _Merged:
     """Clusters of a stream.
 
-    cells   : (C,) cell numbers, ascending
+    cells : (C,) keys of the cells, ascending, see `_keys`
     sums    : (C, 3) sum of the corners in each cell, weighted by the areas of their triangles
     weights : (C,) sum of these areas
     faces   : (F, 3) cells of the remaining triangles, each once

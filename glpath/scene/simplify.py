@@ -150,7 +150,7 @@ def _deviation(points: Float64, mesh: Mesh) -> float:
     If there are many points, only some are tested. A point is compared with triangles that have sample points
     nearby, so its true distance may be smaller. The samples are spread evenly over all triangles.
     """
-    from scipy.spatial import cKDTree  # slow to import
+    from scipy.spatial import cKDTree  # late, because the import is slow
 
     points = points[:: -(-len(points) // _ASKED)]
     triangles = mesh.vertices[mesh.faces]

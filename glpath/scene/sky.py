@@ -156,7 +156,7 @@ class Environment:
 
     @property
     def rows_above(self) -> int:
-        """Number of rows above the horizon of a cut map; 0 for other maps."""
+        """Number of image rows above the horizon if rows are not blended there (`cut`); otherwise 0."""
         return self.image.shape[0] // 2 if self.cut else 0
 
     @cached_property
@@ -260,9 +260,9 @@ class Environment:
 
     @property
     def split(self) -> float:
-        """Value of the first number of `directions` that divides the sky into two lights.
+        """Value of u[:, 0] of `directions` that divides the sky into two lights.
 
-        Below it are the suns, above it is the rest. Without suns it is 0.5.
+        Smaller values select suns, larger values the rest of the sky. Without suns it is 0.5.
         """
         bright = self.sun_share or self._tables.bright
         return bright if 0 < bright < 1 else 0.5

@@ -92,10 +92,10 @@ struct RayPath
     vec3 L;           // radiance accumulated so far
     vec3 beta;        // throughput
     float pdf;        // density of the ray's direction, per solid angle
-    float reached;    // distance of the hit from the vertex of the last light samples; see `passed`
+    float reached;    // distance from the vertex of the last light samples to the hit, including `passed`
 #ifdef LIT_FROM
     vec3 lit_from;    // position of the vertex of the last light samples
-    vec3 lit_normal;  // its normal, on the side of the ray
+    vec3 lit_normal;  // normal at lit_from, on the side of the ray
 #endif
     float rays;       // number of rays cast so far
     int vertices;     // maximum number of vertices of this path

@@ -29,7 +29,7 @@ struct Ray
     uint order;    // bit position of the visiting order of children in LINK, for this octant's rays
     bool second;   // true if the visiting order is in LINK.z, false if it is in LINK.y
 #ifdef HAS_INSTANCES
-    int first;     // number of a hit minus number of the mesh's triangle
+    int first;     // offset to add to the index of a mesh's triangle, which gives the number of a hit
     vec3 world_origin;
     vec3 world_direction;
 #endif
