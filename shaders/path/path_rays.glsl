@@ -289,8 +289,8 @@ ScatterVertex arrive(inout RayPath path, ivec2 pixel, float seen)
 #endif
         add_light(path, path.beta * Le * (path.at.depth == 0 ? seen : share));
     }
-    // The start is offset from the surface by more than the rounding error. Otherwise the ray would hit triangles
-    // next to its own.
+    // The start is offset from the surface by more than the rounding error. A ray from a nearer start would hit
+    // triangles next to its own.
     vec3 far = abs(s.v.surface.position);
     s.rounding = RAY_ROUNDING * ((at_start(path.at) ? start_extent : s.t) + max(far.x, max(far.y, far.z)));
     s.start = s.v.surface.position + s.rounding * s.v.normal;

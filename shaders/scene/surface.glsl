@@ -167,8 +167,8 @@ void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
 #endif
 }
 
-// Returns the shading normal `n`, tilted towards the eye if it points away from the eye. Otherwise the outline of a
-// smooth object would be black.
+// Returns the shading normal `n`, tilted towards the eye if it points away from the eye. Without the tilt, the
+// outline of a smooth object would be black.
 vec3 facing_normal(vec3 n, vec3 wo)
 {
 #ifdef HAS_NORMALS

@@ -244,7 +244,7 @@ class Surfaces:
     def _info(
         self, name: str, slot: TextureSlot | None, *, srgb: bool = False, alpha: bool = False
     ) -> dict[str, Any]:
-        """Return the texture of a slot as a property of an extension; empty without a texture."""
+        """Return the texture of a texture slot as a property of an extension; empty without a texture."""
         info = self._slot(slot, srgb=srgb, alpha=alpha)
         if info is None:
             return {}
