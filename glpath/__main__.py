@@ -29,8 +29,8 @@ def main() -> None:
 def _open_standard_streams() -> None:
     """Open the null device for standard streams that are closed.
 
-    Otherwise the next opened file would get the descriptor of standard error, and drivers would write messages into
-    that file.
+    If standard error stayed closed, the next opened file would get its descriptor, and drivers would write messages
+    into that file.
     """
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(descriptor, True)

@@ -230,7 +230,7 @@ def _split(boxes, begin, end, leaf_size, tree, node, work, at):  # type: ignore[
         _clear(around, 0)
         items = 0
         for b in range(1, BINS):
-            if filled[of_axis + b - 1] == 0:  # the same two parts as at the previous bin
+            if filled[of_axis + b - 1] == 0:  # an empty bin: the split would be the same as the previous one
                 continue
             items += filled[of_axis + b - 1]
             if items == n:
@@ -272,8 +272,8 @@ def _split(boxes, begin, end, leaf_size, tree, node, work, at):  # type: ignore[
     return left
 
 
-# The functions below take an array and the index of a box instead of the box, because a view costs as much as its
-# use. Boxes may have 32 bits; computations use 64.
+# The functions below take an array and the index of a box instead of the box, because creating an array view takes
+# as long as using it. Boxes may have 32 bits; computations use 64.
 
 
 @inner_kernel

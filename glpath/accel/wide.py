@@ -108,7 +108,7 @@ def collapse(tree: Bvh) -> WideBvh:
 
 
 def _min_cost_parts(tree: Bvh) -> NDArray[np.int8]:
-    """Return (M, 5), for the division of each node at minimum cost, the number of parts that its left child gets.
+    """Return (M, 5) minimum-cost divisions of nodes, as the count of subtrees that come from the left child.
 
     Column 0 is for a node that remains and has up to four children. Columns k = 2 to 4 are for a node that up to k
     subtrees replace, -1 if k subtrees are no better than k - 1.
@@ -148,7 +148,7 @@ def _divided(tree: Bvh, roots: Int64, parts: NDArray[np.int8]) -> Int64:
 
     divide(row, np.zeros(len(roots), np.int64), roots, parts[roots, 0].astype(np.int64), np.full(len(roots), WIDTH))
     for _ in range(WIDTH - 2):
-        # Reduce the budget to the number of subtrees that pays.
+        # Reduce the budget to the smallest number of subtrees with the same cost.
         for _ in range(WIDTH - 1):
             inner = (node >= 0) & (budget > 1)
             budget[inner & (tree.count[node] > 0)] = 1

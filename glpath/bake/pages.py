@@ -95,7 +95,7 @@ def _fill_inside(pages: Float32, known: Bools, chart: NDArray[np.int64], texels:
             count += use
         done = count > 0
         if not done.any():
-            pages[page, row, column] = 0.0  # charts that are wholly inside are never seen
+            pages[page, row, column] = 0.0  # charts that lie wholly inside other geometry are never seen
             return
         pages[page[done], row[done], column[done]] = sums[done] / count[done, None]
         known[page[done], row[done], column[done]] = True

@@ -8,7 +8,7 @@ degree 11; each normal has its own paths. Irradiance is radiance with band l mul
 pi / 4; zero for 3, 5, 7 ...), so a coefficient is the projection of irradiance divided by A_l.
 
 The rule integrates the product of band 2 with bands up to 9 exactly, so bands 4, 6 and 8 of irradiance cause no
-error. The first band that does is 10, whose factor A_l is 1/55 of that of band 2.
+error. The first band that causes an error is 10. Its factor A_l is 1/55 of A_2.
 
 Cost:     50 paths per probe and path set, and 64 rays per probe on the CPU.
 Poor at:  lamps nearby, because nine numbers cannot hold sharp light. Light leaks through walls that are thinner

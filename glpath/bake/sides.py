@@ -191,7 +191,10 @@ class Sides:
 
 
 def points_before(sides: Sides, triangle: Int64, side: Int64, points: Float64) -> tuple[Float64, Float64]:
-    """Return normals (N, 3) of triangle sides, and origins (N, 3) of rays from points (N, 3) on these sides."""
+    """Return normals (N, 3) of triangle sides, and origins (N, 3) of rays that leave these sides at points (N, 3).
+
+    An origin is its point, moved off the surface by `_BEFORE` times the scene's diagonal along the normal.
+    """
     normals = sides.surfaces.normals[triangle] * (1 - 2 * side)[:, None]
     return normals, points + _BEFORE * _size(sides.scene) * normals
 

@@ -199,7 +199,7 @@ class PointShadowBuffer(Owner, ABC):
         return texture
 
     def key(self, light: int = 0) -> tuple[object, ...] | None:
-        """Return a key of what a light's buffer was filled with; None before the first fill."""
+        """Return a key of the state with which a light's buffer was filled; None before the first fill."""
         return self._keys[light]
 
     def forget(self) -> None:

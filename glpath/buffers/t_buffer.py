@@ -188,7 +188,7 @@ class ClassicEye(EyeBuffer):
             self._pass.clear = (0.0, 0.0, 0.0, 0.0) if begin == 0 else None
             self._pass.run(uniforms | {"begin": begin, "end": min(begin + share, count)})
             if share < count:
-                self.gl.finish()  # otherwise the device's watchdog would count all draws as one task
+                self.gl.finish()  # because the device's watchdog would count unfinished draws as one task
 
 
 class TBuffer(EyeBuffer):

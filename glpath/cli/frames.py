@@ -54,7 +54,7 @@ _FRAME_NUMBER = re.compile(r"[^{}]*\{0?(?::0?[0-9]{0,2}d?)?\}[^{}]*")
 
 @dataclass(frozen=True)
 class Frames:
-    """Numbers of the frames that one command renders.
+    """Range of the frame numbers that one command renders.
 
     option      : option that requests the frames: "--turntable" or "--frames"
     first, stop : half-open range of the frame numbers
@@ -187,7 +187,7 @@ def _even(picture: NDArray[Any]) -> NDArray[Any]:
 class FramesToRender:
     """Render job of several frames.
 
-    frames   : numbers of the frames to render
+    frames : frame numbers to render
     out      : output files of a frame; the frame number is put into their names
     movies   : movies made from the 8-bit pictures of all frames
     fps      : frames per second of the movies
@@ -279,7 +279,7 @@ class FramesToRender:
 
 
 def left_to_do(frames: Frames, out: Sequence[Path], resume: bool) -> Sequence[int]:
-    """Return the numbers of the frames to render: all, or with `resume` those with a missing file."""
+    """Return the frame numbers to render: all, or with `resume` only those of frames with a missing file."""
     numbers = range(frames.first, frames.stop)
     if not resume:
         return numbers

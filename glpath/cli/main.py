@@ -201,7 +201,7 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
     threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if not threads:
         os.environ.pop("NUMBA_NUM_THREADS", None)
-    elif not re.fullmatch("0*[1-9][0-9]{0,5}", threads):  # otherwise importing numba would fail
+    elif not re.fullmatch("0*[1-9][0-9]{0,5}", threads):  # because numba's import would fail
         found = shortened(threads)
         say(f"glpath: error: NUMBA_NUM_THREADS is {found!r}; must be a whole number from 1.\n  Unset it.", err=True)
         raise SystemExit(WRONG_USAGE)

@@ -91,7 +91,7 @@ class Grid:
 
     @property
     def en_12464_counts(self) -> tuple[int, int]:
-        """Numbers of points along the two axes that EN 12464-1 requires for the area, if scene units are metres."""
+        """Counts of points along the two axes that EN 12464-1 requires for the area, if scene units are metres."""
         a, b, c, d = self.extent
         return en_12464_counts(b - a, d - c)
 
@@ -123,7 +123,7 @@ class Grid:
 
 
 def en_12464_counts(first: float, second: float) -> tuple[int, int]:
-    """Return the numbers of points along the two sides of an area by EN 12464-1, 4.4 (2011).
+    """Return the two counts of points along the sides of an area by EN 12464-1, 4.4 (2011).
 
     first, second : lengths of the sides, m
 

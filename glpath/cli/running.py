@@ -42,7 +42,7 @@ def refuse_beside_a_job(context: typer.Context) -> None:
     for parameter in context.command.params:
         name = parameter.name or ""
         source = context.get_parameter_source(name)
-        # Compared by name, because Typer may bundle a copy of Click with its own enumeration.
+        # The source is compared by name, because Typer may bundle a copy of Click, with another enumeration class.
         if name in _BESIDE_A_JOB or source is None or source.name != "COMMANDLINE":
             continue
         shown = "SCENE" if name == "scene" else parameter.opts[0]

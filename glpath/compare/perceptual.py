@@ -63,7 +63,7 @@ def flip(
     for name, limit in (("mean", mean), ("local", local)):
         if not 0 <= limit <= 1:
             raise UsageError(f"{name}: found {limit}, expected a number from 0 to 1.")
-    from scipy import ndimage  # slow to import
+    from scipy import ndimage  # late, because the import is slow
 
     found = flip_map(picture.mean, reference.mean, ppd=ppd)
     side = 2 * round((_SPOT * ppd - 1) / 2) + 1

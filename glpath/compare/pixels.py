@@ -80,7 +80,7 @@ def fuzzy(
     if same:  # nearly all images of a test suite are equal; this takes a tenth of the time
         measured = {"pixels": 0, "percent": 0.0, "worst_levels": 0.0, "worst_at": [0, 0], "max_difference": 0.0}
         return Verdict("fuzzy", True, 0.0, _within(threshold), measured, limits)
-    from scipy import ndimage  # slow to import
+    from scipy import ndimage  # late, because the import is slow
 
     a, b = (255 * _levels(image) for image in matching_pair(picture.mean, reference.mean))
     off = np.abs(a - b)

@@ -122,7 +122,7 @@ def stat(
             f"sees: found {sees}, expected a share above the tolerance ({tolerance:g}), at most 1.",
             "0.05 asks that a picture 5 % too dark would be found out.",
         )
-    from scipy import stats  # slow to import
+    from scipy import stats  # late, because the import is slow
 
     ours, theirs = _noise(picture, "picture"), _noise(reference, "reference")
     paired = picture.shares_samples_with(reference)
@@ -283,7 +283,7 @@ def _path_sets_needed(image: _Scale, noise: Noise, alpha_test: float, tolerance:
     It is a multiple of BLOCK * BATCHES. The error of the future image is an estimate like the present one, so the
     ratio of their squares follows an F distribution.
     """
-    from scipy import stats  # slow to import
+    from scipy import stats  # late, because the import is slow
 
     dof = image.dof * (BATCHES - 1) / (len(noise.batch_counts) - 1)
     errors = stats.t.isf(alpha_test / 2, dof) + _MARGIN

@@ -1,14 +1,15 @@
 """Reflected light at sensors, for all patches of the sky and all sun positions at once.
 
-Surfaces are divided into elements, whose direct light is computed as for sensors. There is one column for each
-patch and sun position. Rays between the elements give a matrix F of form factors, and one linear system is solved
-for all columns. Rays from the sensors are cast once, and give a matrix W of weights of the elements that they hit.
+Surfaces are divided into elements, whose direct light is computed as for sensors. Rays between the elements give a
+matrix F of form factors, for one linear system. Rays from the sensors are cast once, and give a matrix W of weights
+of the elements that they hit.
 
     H = E + F B,  B = rho H,  indirect = W B
 
 E is the direct irradiance of the elements' sides, H their total irradiance, B their radiosity and rho their
-reflectance. All surfaces count as diffuse, even metal. Reflectance is a luminance, so colours do not bleed. Columns
-are solved in groups, so that only the sensors' results of a large scene stay in memory.
+reflectance. E, H and B have one row for each side, and one column for each patch and sun position. All surfaces
+count as diffuse, even metal. Reflectance is a luminance, so colours do not bleed. Columns are solved in groups, so
+that only the sensors' results of a large scene stay in memory.
 
 Cost:     a core microsecond for each ray; a dense matrix of R x R sides, or a sparse one beyond `DENSE` sides.
 Poor at:  caustics of mirrors or solid glass; sun patches smaller than the elements near the sensors.
@@ -53,7 +54,7 @@ POINTS = 4
 DENSE = 6000
 # Maximum number of sides for a matrix of 64-bit floats (32 MB).
 _DOUBLE = 2000
-# Relative change of the columns' sums at which the iteration of a sparse system stops.
+# The iteration of a sparse system stops when it changes no column's sum by more than this fraction.
 _CHANGE = 1e-4
 # Maximum number of reflections in this iteration.
 _MAX_REFLECTIONS = 500
@@ -127,7 +128,10 @@ class ReflectingSides:
         return found.tocsr()
 
     def looked_up(self, hits: Hits, radiosity: Float32) -> Float32:
-        """Return (n, R) light along rays from sides with radiosity (R,); 0 along rays from the sky."""
+        """Return (n, R) radiosity of the sides that rays hit, times the rays' weights.
+
+        It is 0 for a ray that hits no reflecting side.
+        """
         if not len(self):
             return np.zeros(hits.side.shape, np.float32)
         number = self._number[np.maximum(hits.side, 0)]
@@ -135,7 +139,7 @@ class ReflectingSides:
         return np.asarray(np.where(lit, radiosity[np.maximum(number, 0)], 0.0) * hits.weight, np.float32)
 
     def spread(self, hits: Hits, radiosity: Float32) -> Float32:
-        """Return (n,) standard errors of the irradiance at points from sides with radiosity (R,)."""
+        """Return (n,) standard errors of the irradiance that points get from sides with radiosity (R,)."""
         light = self.looked_up(hits, radiosity)
         means = light.reshape(len(light), BATCHES, -1).mean(axis=2)
         return np.asarray(means.std(axis=1, ddof=1) / np.sqrt(BATCHES), np.float32)
@@ -158,7 +162,7 @@ class ReflectingSides:
 class _Rows:
     """Sparse matrix that is built a few rows at a time; reserved but unused space takes no memory.
 
-    rows, columns : its shape
+    rows, columns : shape of the matrix
     max_values    : maximum number of values in a row
     """
 
@@ -215,7 +219,7 @@ class Reflections:
         return linalg.lu_factor(system, overwrite_a=True, check_finite=False)
 
     def columns(self) -> int:
-        """Number of columns that are solved together."""
+        """Number of columns (patches and sun positions) that are solved together."""
         return max(1, _COLUMNS // max(1, len(self.of_sky)))
 
     def radiosity(self, direct: Float32) -> Float32:
@@ -281,7 +285,7 @@ def gathered(
 
 
 def _blocks(columns: Iterable[Float32], width: int) -> Iterator[Float32]:
-    """Yield groups (R, c) of `width` columns; the last group may be smaller."""
+    """Yield arrays (R, c) of successive columns: `width` in each array, or fewer in the last."""
     held: list[Float32] = []
     for column in columns:
         held.append(column)

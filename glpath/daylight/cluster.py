@@ -108,7 +108,7 @@ def computed_by(
 
 
 class _Shards:
-    """Shards that workers compute."""
+    """Shards of one computation on the workers of a cluster. A shard is a range of the sensors."""
 
     def __init__(self, cluster: Connection, shared: DaylightWork, count: int, wanted: list[int]) -> None:
         self._cluster, self._shared, self._count, self._wanted = cluster, shared, count, wanted
@@ -170,7 +170,7 @@ class _Shards:
                 raise  # each worker would fail with the same error
             self._tries[number] += 1
             reason = (str(error).splitlines() or [type(error).__name__])[0]
-            if type(error).__name__ == "KilledWorker":  # its text is about Dask's internals
+            if type(error).__name__ == "KilledWorker":  # the error's text would describe Dask's internals
                 reason = "its worker was lost"
             log.warning("shard %d of %d: %s", number, self._count, reason)
             if self._tries[number] >= _TRIES:

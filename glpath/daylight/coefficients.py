@@ -54,7 +54,7 @@ class DaylightCoefficients:
     latitude    : latitude of the sun positions, degrees; NaN without suns
     samples     : number of directions per patch
     directions  : (D, 3) unit vectors towards the ground, the sky's patches, then the suns
-    column      : (D,) column of each direction: 0 is the ground, then the sky's patches, then the suns
+    column : (D,) matrix column to which a direction belongs: 0 is the ground, then the sky's patches, then the suns
     weight      : (D,) solid angle of a direction, steradians; 1 for a sun
     words       : (ceil(D / 32), N) uint32; bit k of word w is 1 if direction 32 w + k is visible
     shares      : (32 ceil(D / 32), N) float16 transmittance of thin glass along each direction; None without glass
@@ -193,7 +193,7 @@ class DaylightCoefficients:
         """Number of sensors without any visible direction, which are inside solids or below the ground."""
         return int(np.count_nonzero(~self.words.any(axis=0)))
 
-    # Parts of the matrix.
+    # Parts of the coefficient matrix.
 
     @cached_property
     def _in_sky(self) -> int:
@@ -202,7 +202,7 @@ class DaylightCoefficients:
 
     @cached_property
     def _starts(self) -> NDArray[np.intp]:
-        """Index of the first direction of each column of ground and sky."""
+        """Index of the first direction of each matrix column of the ground and sky."""
         return np.searchsorted(self.column[: self._in_sky], np.arange(len(self.patches)))
 
     @cached_property
@@ -237,13 +237,13 @@ class DaylightCoefficients:
         return np.asarray(np.add.reduceat(weighted, self._starts, axis=1), np.float32)
 
     def _light(self, rows: range, which: slice) -> Float32:
-        """Return (n, d) response of sensors to light along some directions; 0 if it is occluded."""
+        """Return (n, d) irradiance of sensors for unit light from some directions; 0 if the light is occluded."""
         light = self._arrives(rows, which)
         light *= response(self.receiver, self.normals[np.array(rows, np.intp)], self.directions[which])
         return light
 
     def _arrives(self, rows: range, which: slice) -> Float32:
-        """Return (n, d) fraction of light that arrives along some directions."""
+        """Return (n, d) fraction of the light from some directions that reaches the sensors, without the cosine."""
         of = np.array(rows, np.intp)
         first, last = which.start // WORD, -(-which.stop // WORD)
         words = self.words[first:last][:, of]

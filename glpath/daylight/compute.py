@@ -369,7 +369,7 @@ class _Shared:
 
     @property
     def columns(self) -> int:
-        """Number of columns of ground, patches and suns."""
+        """Number of matrix columns: one for the ground, one for each patch and one for each sun."""
         return int(self.column[-1]) + 1
 
     @classmethod
@@ -459,7 +459,7 @@ def _words_of_pass(
 def _irradiance(
     gl: moderngl.Context, scene: Scene, sides: ReflectingSides, like: _Shared, flag: Flag
 ) -> Iterator[NDArray[np.float32]]:
-    """Yield the direct irradiance (R,) float32 of the sides for each column of `like` in turn."""
+    """Yield, for each column (ground, patch or sun) of `like`, the direct irradiance (R,) float32 of the sides."""
     if not len(sides):
         return
     shift = path_traceable(scene.still()).origin - scene.origin

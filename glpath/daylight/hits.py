@@ -73,7 +73,8 @@ def cast_hits(
     if isinstance(numbers, int):
         numbers = np.arange(numbers, numbers + len(points))
     count = ray_count(rays)
-    step = 4 * max(1, _BLOCK // count // 4)  # multiple of 4, which keeps the points of a side together
+    # A multiple of 4 points, so that a block has all sample points of an element's side (`bounces.POINTS`).
+    step = 4 * max(1, _BLOCK // count // 4)
     threads = core_count()
     kind = RECEIVERS.index(receiver)
     with ThreadPoolExecutor(threads) as pool:

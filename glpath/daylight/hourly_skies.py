@@ -101,7 +101,10 @@ def nearest(directions: Float64, positions: Float64) -> NDArray[np.intp]:
 
 
 def horizontal_weights(patches: SkyPatches) -> Float64:
-    """Return (P,) irradiance of open ground for unit radiance of each patch; 0 for the ground."""
+    """Return (P,) irradiance of an unobstructed horizontal surface for unit radiance of each patch.
+
+    It is 0 for patch 0, the ground.
+    """
     azimuth_from, azimuth_to, low, high = patches.bounds.T
     found = 0.5 * (azimuth_to - azimuth_from) * (high**2 - low**2)
     found[0] = 0.0

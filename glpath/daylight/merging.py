@@ -128,7 +128,7 @@ def _reflected(parts: list[Indirect]) -> Indirect | None:
     if all(np.array_equal(part.radiosity, radiosity) for part in parts[1:]):
         weights = sparse.vstack([part.weights for part in parts], format="csr")
         return Indirect(weights, radiosity, errors, parts[0].bias)
-    # The parts do not share one radiosity matrix: some hold rows, or machines differ in their last bits. Store
-    # rows.
+    # The parts have different radiosity matrices, so they have no common factors, and the product is stored. They
+    # differ if a part stores the product already, or if machines round differently.
     rows: Any = np.concatenate([np.asarray(part.weights @ part.radiosity, np.float32) for part in parts])
     return Indirect(sparse.eye_array(len(rows), dtype=np.float32, format="csr"), rows, errors, parts[0].bias)

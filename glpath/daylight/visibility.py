@@ -128,7 +128,7 @@ class PointVisibility(Owner):
 
         Yields the number of finished chunks after each part.
         """
-        return_memory()  # otherwise memory from the preparation of points would add to the budget
+        return_memory()  # because memory freed after the preparation of points would add to the budget
         for part in self._parts(self._gl, self._far, first):
             self._streamed.narrow(part.bvh, part.lower, part.upper, directions, words)
             done = part.done

@@ -329,7 +329,10 @@ def check_hours(path: str | Path, sensors: int, hours: int, wanted: bool) -> Non
 
 
 def blocks(count: int, width: int) -> Iterator[tuple[int, int]]:
-    """Yield half-open ranges (first, last) of rows; a block has at most _BLOCK floats, `width` in each row."""
+    """Yield half-open ranges (first, last) of rows.
+
+    A range has at most _BLOCK floats, with `width` floats in each row.
+    """
     step = max(1, _BLOCK // max(1, width))
     for first in range(0, count, step):
         yield first, min(first + step, count)

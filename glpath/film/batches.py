@@ -1,4 +1,4 @@
-"""Assign path sets to batches by the path sets' numbers alone, so that any ranges can be merged.
+"""Assign path sets to batches by the path sets' indices alone, so that any ranges can be merged.
 
 A film sums each batch separately, because its error is estimated from differences between batches. Differences
 between pixels do not suffice: paths of a set may share directions or sequence points, so errors of adjacent pixels
@@ -19,7 +19,7 @@ from glpath.errors import UsageError
 # about a quarter.
 BLOCK = 8
 BATCHES = 8
-# Largest path set number accepted from a file: beyond any possible render, and small enough that counts do not
+# Largest path set index accepted from a file. It is beyond any possible render, and small enough that counts do not
 # overflow.
 _LAST_PATH_SET = 1 << 48
 

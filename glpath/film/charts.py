@@ -70,7 +70,7 @@ def field(
     if min(rows, columns) >= 3 and np.nanmin(values) < top:
         x = extent[0] + (np.arange(columns) + 0.5) * wide / columns
         y = extent[2] + (np.arange(rows) + 0.5) * high / rows
-        levels = MaxNLocator(6).tick_values(0.0, top)[1:-1]  # without 0 and the level above all values
+        levels = MaxNLocator(6).tick_values(0.0, top)[1:-1]  # without 0, and without the level above all values
         lines = axes.contour(x, y, values, levels=levels, colors="white", linewidths=0.8)
         axes.clabel(lines, fontsize=8, fmt="%g")
     axes.set_xlabel(labels[0], color=INK, fontsize=11)

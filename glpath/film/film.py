@@ -188,7 +188,7 @@ class Film(FilmErrors):
     def to_xarray(self) -> Any:
         """Return the image as an `xarray.Dataset`: `radiance` (y, x, channel), linear Rec. 709, and each AOV.
 
-        x and y are pixel numbers in the whole image, y from the top; the attributes are the columns of `to_pandas`.
+        x and y are pixel indices in the whole image, y from the top; the attributes are the columns of `to_pandas`.
         Raises GlpathError if xarray is missing.
         """
         return film_data_set(self)

@@ -159,7 +159,7 @@ class FilmErrors(FilmSums):
         share, (a, b) = self._denoised_halves()
         variance = 2 * share * (1 - share) * (a - b) ** 2
         of_pixels = np.mean(variance / ((share * a + (1 - share) * b) ** 2 + 0.01), axis=2).ravel()
-        # Without the worst pixels, because a few bright ones would dominate.
+        # The worst pixels are left out, because a few bright ones would dominate the mean.
         return float(np.sqrt(np.sort(of_pixels)[: math.ceil(_LOOKED_AT * of_pixels.size)].mean()))
 
     def variance_of_denoised(self) -> Float64:

@@ -446,7 +446,7 @@ def _read_png(path: Path) -> Float64:
     stored = iio.imread(path, plugin="pillow")
     if stored.dtype == np.uint8:
         return decode_levels(stored)
-    white = 1 if stored.dtype == np.bool_ else np.iinfo(stored.dtype).max  # an image of one bit is bool
+    white = 1 if stored.dtype == np.bool_ else np.iinfo(stored.dtype).max  # images of one bit are read as bool
     return decode_srgb(stored / white)
 
 
@@ -454,7 +454,7 @@ def _read_jpeg(path: Path) -> Float64:
     import imageio.v3 as iio
 
     _check_pillow(path, ".jpg", FLOAT_PIXEL)
-    return decode_levels(iio.imread(path, plugin="pillow", mode="RGB"))  # a JPEG may be CMYK
+    return decode_levels(iio.imread(path, plugin="pillow", mode="RGB"))  # converted, because a JPEG may be CMYK
 
 
 def _read_exr(path: Path, convert: bool = True) -> Float64:
@@ -533,7 +533,7 @@ def _check_exr_entries(data: mmap.mmap) -> None:
     is_multipart = data[5:6] >= b"\x10"
     position, entries = 8, 0
     while entries <= _MAX_EXR_ENTRIES:
-        if data[position : position + 1] == b"\0":  # the header of a part ends
+        if data[position : position + 1] == b"\0":  # a zero byte ends the header of a part
             if not is_multipart or data[position + 1 : position + 2] in (b"", b"\0"):
                 return
             position += 1

@@ -1,4 +1,4 @@
-"""Provenance of a film, as stored in its files: validated when read, and merged."""
+"""Provenance of a film, as stored in its files: checks when it is read, and merging with that of another film."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def error_bound(sums: NDArray[np.float64], counts: NDArray[np.int64], confidence
              MIN_BATCHES
     counts : (B,) number of path sets of each batch
     """
-    from scipy.special import fdtri  # slow to import
+    from scipy.special import fdtri  # late, because the import is slow
 
     batches, total = len(counts), int(counts.sum())
     all_sums = sums.sum(axis=0)

@@ -58,8 +58,7 @@ class FilmSums:
         """Add the sum (H, W, 3) over path sets start..stop (half-open), which must lie in one block (see `blocks`).
 
         aov_sums : sums over the same path sets for each of the film's `aov_sums`. If the film counts shapes,
-                   "shapes" (H, W, stop - start) has the number + 1 of the shape that each sample has hit, 0 for
-                   none
+                   "shapes" (H, W, stop - start) has the index + 1 of the shape that each sample has hit, 0 for none
 
         Raises UsageError for path sets that are already in the film.
         """

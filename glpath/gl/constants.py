@@ -46,7 +46,7 @@ ANGLE_ROUNDING = math.radians(ANGLE_ROUNDING_DEGREES)
 
 
 def constants_glsl() -> str:
-    """Return all constants of this module, pi and the numbers of the materials' layerings as GLSL declarations."""
+    """Return GLSL declarations of this module's constants, of pi, and of an index for each material layering."""
     found = {name: value for name, value in globals().items() if name.isupper()} | {"PI": math.pi}
     found |= {f"LAYERING_{name.upper()}": number for number, name in enumerate(get_args(Layering))}
     return "\n".join(_declaration(name, value) for name, value in found.items()) + "\n"

@@ -194,8 +194,8 @@ class GeometryStream(Owner):
                     "chunk_shape": chunk.shape,
                 },
             )
-            # Otherwise a driver would hold several chunks at a time: llvmpipe, a hundred megabytes of triangles
-            # still to be drawn.
+            # Wait for the draw, because a driver would otherwise hold the triangles of several chunks at a time. In
+            # llvmpipe these are a hundred megabytes.
             self.gl.finish()
         self._read = None
 

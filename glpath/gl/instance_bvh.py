@@ -1,9 +1,9 @@
 """Two-level BVH of a scene with instances: a tree for each instanced mesh, and one over instances and triangles.
 
 All trees have the format of `ray_bvh`, in one table of slots, the world's tree first. In the world's tree, an
-instance has a slot among the nodes. The slot holds the map to the mesh's space and the root group of the mesh's
-tree. A ray recognises it because it has no children. The trees of meshes share one grid of steps, because all
-meshes have about the same size in their spaces (`glpath.scene.instances`). Compiled code builds the trees.
+instance has a slot among the nodes. The slot holds the transform to the mesh's space and the root group of the
+mesh's tree. A ray recognises it because it has no children. The trees of meshes share one grid of steps, because
+all meshes have about the same size in their spaces (`glpath.scene.instances`). Compiled code builds the trees.
 
 Cost:     64 bytes an instance, in addition to the trees.
 Poor at:  instances whose boxes overlap, because a ray enters all of these.
@@ -27,8 +27,8 @@ Uint32 = NDArray[np.uint32]
 
 # Half the size of a mesh in its own space.
 _HALF = 0.5
-# Number of stack entries that entering an instance needs: the rest of the current group, and the point where the
-# ray leaves the instance.
+# Number of stack entries that a ray needs when it enters an instance: one for the rest of the current group, and
+# one that marks where the ray returns to world space.
 _ENTERING = 2
 
 
@@ -96,7 +96,7 @@ def _mesh_grid(inverse: Float64, instances: InstancedScene) -> Grid:
 def _instance_slots(
     instances: InstancedScene, inverse: Float64, root: NDArray[np.int64], more: NDArray[np.int64]
 ) -> Uint32:
-    """Return (I, 4, 4) slots of instances. root: (I,) root group of each instance's tree."""
+    """Return (I, 4, 4) contents of the instances' slots. root: (I,) root group of each instance's tree."""
     rows = np.zeros((len(instances), 4, 4), np.float32)
     rows[:, :3, :3] = inverse
     rows[:, :3, 3] = instances.world_from_mesh[:, :, 3]
@@ -107,7 +107,10 @@ def _instance_slots(
 
 
 def _taken_by_instances(world: CompiledSlots, items: int) -> NDArray[np.int64]:
-    """Return the (I,) slots of instances, the tree's items from index `items` on, and mark these slots as nodes."""
+    """Return the (I,) slots of instances, and mark these slots as nodes.
+
+    Instances are the tree's items from index `items` on.
+    """
     taken = world.lanes <= -2 - items
     slots = np.empty(int(taken.sum()), np.int64)
     for lane in range(WIDTH):

@@ -1,7 +1,7 @@
-"""Numbers of instances' triangles, beyond those of a scene's own triangles, and the lookup tables for shaders.
+"""Numbering of instances' triangles, which follow a scene's own triangles, and lookup tables for shaders.
 
-Numbers come in blocks of a power of two, each for one instance, so a table lookup finds the instance of a triangle.
-`shaders/scene/instances.glsl` reads the tables.
+A block of successive numbers belongs to one instance, and its size is a power of two. So a table lookup by the
+upper bits of a triangle's number finds the instance. `shaders/scene/instances.glsl` reads the tables.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from glpath.scene.instances import InstancedScene
 
 Int64 = NDArray[np.int64]
 
-# Total of triangle numbers that is always allowed, however many are unused.
+# Count of triangle numbers that is always allowed, however many of them no triangle uses.
 _FREE = 1 << 28
-# Maximum ratio of numbers to triangles if the total is above that.
+# Maximum ratio of the count of numbers to the count of triangles, if more than `_FREE` numbers are needed.
 _WASTE = 1.25
 _MIN_SHIFT, _MAX_SHIFT = 4, 27
 
 
 @dataclass(frozen=True)
 class InstanceNumbers:
-    """Numbers of the triangles of a scene's instances.
+    """Numbering of the triangles of a scene's instances.
 
     shift  : base-2 logarithm of the block size
     blocks : (I,) number of blocks of each instance
@@ -40,7 +40,7 @@ class InstanceNumbers:
 
     @classmethod
     def of(cls, instances: InstancedScene) -> InstanceNumbers:
-        """Assign numbers, in the largest blocks that waste few numbers (`_FREE`, `_WASTE`)."""
+        """Assign numbers, in the largest blocks that leave few numbers unused (`_FREE`, `_WASTE`)."""
         sizes = np.array([part.stop - part.start for part in instances.ranges])[instances.mesh]
         limit = max(_FREE, _WASTE * float(sizes.sum()))
         for shift in range(_MAX_SHIFT, _MIN_SHIFT - 1, -1):
@@ -52,11 +52,11 @@ class InstanceNumbers:
         return cls(instances, shift, blocks, ends - (blocks << shift) - first, int(ends[-1]))
 
     def maps(self) -> NDArray[np.float64]:
-        """Return (1 + I, 3, 4): the identity, then world_from_mesh of each instance."""
+        """Return (1 + I, 3, 4) affine transforms: the identity, then world_from_mesh of each instance."""
         return np.concatenate([np.eye(3, 4)[None], self.instances.world_from_mesh])
 
     def block_table(self) -> Int64:
-        """Return (1 + blocks, 3): number of the instance + 1, number of its shape + 1, and `more`.
+        """Return (1 + blocks, 3): index of the instance + 1, index of its shape + 1, and `more`.
 
         The first row is zero, for triangles of no instance.
         """

@@ -146,7 +146,10 @@ def _numbers(cdf: Float64) -> NDArray[np.int64]:
 
 
 def _pieces(lighting: Lighting, lights: Sequence[Light]) -> tuple[NDArray[np.int64], UInt32]:
-    """Return the (P,) numbers at which pieces begin, and the table of pieces with one more entry for the end."""
+    """Return (P,) the 32-bit number at which the range of each piece begins, and the table of pieces.
+
+    A last entry of the table marks the end of the last range.
+    """
     cdf = lighting.cdf
     begin: list[Float64] = []
     which: list[NDArray[np.integer]] = []
@@ -259,7 +262,7 @@ def _sky_tables(lighting: Lighting) -> tuple[UInt32, UInt32]:
 
 
 def _in_fours(numbers: NDArray[np.int64]) -> UInt32:
-    """Return the numbers in texels of four, (ceil(N / 4), 1, 4)."""
+    """Return N integers as (ceil(N / 4), 1, 4) texels; unused components are 0xFFFFFFFF."""
     table = np.full(-(-numbers.size // 4) * 4, 0xFFFFFFFF, np.uint32)
     table[: numbers.size] = numbers.ravel()
     return table.reshape(-1, 1, 4)

@@ -37,7 +37,7 @@ class MovingScene:
     bounds : (3,) lower and (3,) upper corner of the box around the whole motion
     lamps  : True if a moving shape emits
     pose   : moving shapes, one after the other, at the time of `move_to`
-    vertices, triangles : numbers of the moving vertices and triangles, in the order of `pose`
+    vertices, triangles : indices of the moving vertices and triangles, in the order of `pose`
 
     Raises SceneError if a moving emitter grows or shrinks.
     """

@@ -33,12 +33,15 @@ TESTS_PER_DRAW = 1 << 28
 
 
 def draw_areas(size: tuple[int, int], tests_per_pixel: int) -> list[tuple[int, int, int, int]]:
-    """Return areas (x, y, width, height) of a window, each with at most TESTS_PER_DRAW tests or one pixel."""
+    """Return areas (x, y, width, height) that cover a window.
+
+    Each needs at most TESTS_PER_DRAW tests, or is one pixel.
+    """
     width, height = size
     pixels = max(1, TESTS_PER_DRAW // max(1, tests_per_pixel))
     if width * height <= pixels:
         return [(0, 0, width, height)]
-    side = 1 << (pixels.bit_length() - 1) // 2  # llvmpipe distributes work in squares of powers of two
+    side = 1 << (pixels.bit_length() - 1) // 2  # a power of two, because llvmpipe distributes work in such squares
     return [
         (x, y, min(side, width - x), min(side, height - y))
         for y in range(0, height, side)
@@ -77,7 +80,7 @@ class TriangleIndices:
     The vertex shader finds the vertex in the scene's store by gl_VertexID; the fragment shader has the triangle's
     number in gl_PrimitiveID.
 
-    faces : (T, 3) uint32, numbers of vertices
+    faces : (T, 3) uint32, vertex indices
     """
 
     def __init__(self, gl: moderngl.Context, faces: NDArray[np.uint32]) -> None:

@@ -342,7 +342,7 @@ def _for_llvmpipe(
         "compute_shader": (llvmpipe.image_texels, llvmpipe.fetch_at_start),
     }
     images = {**defines, "TEXELS_ARE_IMAGES": 1}
-    # The vertex shader reads textures without images, because OpenGL does not guarantee it any.
+    # The vertex shader does not read textures as images, because OpenGL guarantees no images to a vertex shader.
     sources = {
         stage: Source(name, generated, images if stage in rewrites else defines, rewrites.get(stage, ()))
         for stage, name in stages.items()

@@ -64,7 +64,7 @@ def ray_bvh_glsl(stack: int) -> str:
     )
 
 
-# GLSL function for the position of a slot's first of four texels; no slot crosses the end of a row.
+# GLSL function that returns the position of the first of a slot's four texels. These lie in one row of the texture.
 _SLOT_AT = f"""ivec2 ray_slot_at(int slot)
 {{
     int i = 4 * slot;
@@ -84,7 +84,7 @@ class RayBvh:
         table: Rows
         of_meshes: dict[str, object] = {}
         if scene.instances is not None:
-            from glpath.gl.instance_bvh import InstanceBvh  # imports numba, which is slow
+            from glpath.gl.instance_bvh import InstanceBvh  # late, because numba is slow to import
 
             trees = InstanceBvh.of(scene.instances)
             grid, table, stack, of_meshes = trees.grid, trees.table, trees.stack, trees.uniforms
@@ -194,10 +194,12 @@ def _compiled(scene: DeviceScene, paths: NDArray[np.int64]) -> _Built:
 
 
 class _Built(NamedTuple):
-    """Tree that was built on the CPU, and its slots.
+    """Tree that was built on the CPU, and the slots that hold its nodes and items on the device.
 
-    items : (N, 3), see `_items`
-    table : slots of the tree
+    items : (N, 3) triangles of the leaves, as returned by `_items`
+    wide  : tree with up to four children a node
+    grid  : grid of the boxes' integer coordinates
+    table : contents of the slots, see `LAYOUT`
     """
 
     items: NDArray[Any]
@@ -374,6 +376,6 @@ def _tree(triangles: NDArray[np.float64], items: NDArray[np.int64]) -> Bvh:
     lower, upper = _item_boxes(triangles, items)
     if len(items) <= SWEPT:
         return sweep_bvh(lower, upper)
-    from glpath.accel.bvh import build_bvh  # imports numba, which is slow
+    from glpath.accel.bvh import build_bvh  # late, because numba is slow to import
 
     return build_bvh(lower, upper, leaf_size=1)

@@ -131,8 +131,9 @@ def _lacking(vertices, faces, paths, begin, end, lacks):  # type: ignore[no-unty
             size = max(size, max(a, b, c) - min(a, b, c))
         for k in range(3):
             p, s1, s2 = faces[i, k], faces[i, (k + 1) % 3], faces[i, (k + 2) % 3]
-            # Bits of the three wanted corners that the next triangle has, and of the next triangle's corners that
-            # are wanted.
+            # The next triangle must have the corners s1, s2 and the parallelogram's fourth corner. `wanted` has a
+            # bit for each of these that the next triangle has, `own` a bit for each of its corners that is among
+            # these.
             wanted, own = 0, 0
             for corner in range(3):
                 q = faces[i + 1, corner]

@@ -116,8 +116,8 @@ UINT_LAYOUT: dict[str, dict[str, str]] = {
     },
     "punctual": {"KIND": "of a light: see LIGHT_POINT ...; 1 for quadratic falloff; 1 + number of its profile"},
 }
-# Relative deviation from a similarity up to which a sphere's map counts as round. It is not 0, because rotations
-# have rounding errors.
+# Relative deviation of a sphere's transform from a similarity up to which the result counts as a round sphere. It
+# is not 0, because rotations have rounding errors.
 _ROUND = 1e-12
 
 
@@ -131,7 +131,7 @@ def scene_glsl() -> str:
     lines += [f"uniform int {name};" for name in ("first_ellipsoid", "first_triangle", "first_plane")]
     lines += ["uniform int first_instanced;", "uniform int instance_shift;"]
     lines += ["uniform int primitive_count;", "uniform int light_count;"]
-    # Numbers from first_streamed on are those of streamed triangles.
+    # Primitives with a number of first_streamed or more are streamed triangles.
     lines += ["#ifdef STREAMED", "uniform int first_streamed;", "uniform int stream_count;", "#endif"]
     lines += [f"const uint LIGHT_{kind.upper()} = {i}u;" for i, kind in enumerate(LIGHT_KINDS)]
     lines += [f"const int ALBEDO_CELLS = {CELLS};", *sheen_glsl()]
@@ -160,10 +160,11 @@ def scene_glsl() -> str:
 
 @dataclass(frozen=True)
 class Numbering:
-    """Numbers of the scene's primitives on the device.
+    """Numbering of the scene's primitives on the device, kind by kind.
 
     spheres         : (S,) int, index into `Scene.spheres` for each number: round spheres first, then ellipsoids
-    first_ellipsoid, first_triangle, first_plane, count : first number of each kind after spheres, and the end
+    first_ellipsoid, first_triangle, first_plane, count : first number of each kind after round spheres, and the
+                                                          count of all numbers
     shape           : (count,) int32, index into `Scene.shapes` for each number
     """
 
@@ -176,7 +177,7 @@ class Numbering:
 
     @property
     def kinds(self) -> dict[str, range]:
-        """Range of numbers of each kind."""
+        """Range of the primitive numbers of each kind."""
         ends = (0, self.first_ellipsoid, self.first_triangle, self.first_plane, self.count)
         names = ("sphere", "ellipsoid", "triangle", "plane")
         return {name: range(a, b) for name, a, b in zip(names, ends[:-1], ends[1:], strict=True)}
@@ -200,7 +201,7 @@ def number_primitives(scene: Scene) -> Numbering:
 
 
 def is_round(spheres: Float64) -> NDArray[np.bool_]:
-    """Return (S,) bool for maps (S, 3, 4): True if the map keeps the unit sphere a sphere."""
+    """Return (S,) bool for affine transforms (S, 3, 4): True if the transform keeps the unit sphere a sphere."""
     linear = spheres[:, :, :3]
     gram = np.einsum("nij,nik->njk", linear, linear)
     square = np.trace(gram, axis1=1, axis2=2) / 3
@@ -210,7 +211,7 @@ def is_round(spheres: Float64) -> NDArray[np.bool_]:
 def primitive_boxes(scene: Scene, numbers: Numbering) -> tuple[Float64, Float64]:
     """Return (count, 3) lower and upper corners of the boxes around the primitives, infinite for planes."""
     spheres = scene.spheres[numbers.spheres]
-    # The extent of an ellipsoid along an axis is the norm of that row of its map.
+    # The half extent of an ellipsoid along a world axis is the norm of that axis' row in its transform.
     extent, centre = np.linalg.norm(spheres[:, :, :3], axis=2), spheres[:, :, 3]
     infinite = np.full((len(scene.planes), 3), np.inf)
     lower = np.concatenate([centre - extent, scene.triangles.min(axis=1, initial=np.inf), -infinite])

@@ -55,15 +55,15 @@ class TriangleList:
 
 
 class SmallTriangles:
-    """Scan of the small triangles into a target; it lists the others.
+    """Compute shader that scans the triangles that touch few cells, and lists all others for a draw.
 
     Parameters
     ----------
     parts  : parts of the scan's program
-    target : target of the scan
-    words  : `empty_words` for the cells of the target
-    listed : list with room for all scanned triangles, times the number of views
-    blend, clear : blending of the target, and its clear colour before the draw
+    target : framebuffer into which a pass then merges the hits of the compute shader
+    words  : buffer for the hits in the target's cells, made by `empty_words`
+    listed : list of the triangles to draw, with room for each triangle in every view
+    blend, clear : blending of the merge pass, and the colour to which it first clears the target
     """
 
     def __init__(

@@ -83,7 +83,10 @@ class StoreRows:
         self._changed = np.zeros(texture.height, np.bool_)
 
     def put(self, numbers: NDArray[np.integer[Any]], texels: NDArray[Any]) -> None:
-        """Put texels (n, ..., 1 to 4) at texel numbers (n,), with 0 for missing components; `write` sends them."""
+        """Store texels (n, ..., 1 to 4) from texel indices (n,) on, with 0 for missing components.
+
+        `write` sends them to the device.
+        """
         flat = self._rows.reshape(-1, 4)
         values = texels.reshape(len(numbers), -1)
         flat[numbers, : values.shape[1]] = values

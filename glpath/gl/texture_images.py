@@ -21,7 +21,7 @@ from glpath.scene.model import Scene
 
 #: Bits of `slot_texel(n, SLOT_IMAGE).w`, and for each wrap mode the first of its two bits.
 IMAGE_FLAGS = {"FILTERED": 1, "BYTES": 2, "SRGB": 4, "UV1": 8, "WRAP_U": 4, "WRAP_V": 6}
-#: Index of each slot among the components of the section "slots"; three other values follow the first five.
+#: Component of the section "slots" that holds each texture slot of a material. Components 5 to 7 hold other values.
 SLOT_COMPONENTS = {name: i if i < 5 else i + 3 for i, name in enumerate(SLOTS)}
 SLOT_TEXELS = -(-(len(SLOTS) + 3) // 4)
 #: Wrap modes in the order of their numbers in GLSL.
@@ -36,7 +36,7 @@ class TextureImages:
 
     of_materials : (materials, texels, 4) int64, section "slots"
     slots        : (slots, 1, 4) int64, section "slot"
-    maps         : (slots, 2, 4) float64, section "slot_map"
+    maps : (slots, 2, 4) float64 transforms of texture coordinates, section "slot_map"
     floats       : (texels, 1, 4) float32, section "image"
     defines      : defines for `load_program`
 

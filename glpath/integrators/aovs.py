@@ -110,8 +110,8 @@ class EyeAovs:
         textures = {**scene.textures, "eye_buffer": seen.buffer, **seen.hit_records}
         self._pass: InTurn[Pass] | None = None
         if groups:
-            # Output numbers of each group's two sums, as defines, because a layout in GLSL 4.30 cannot contain an
-            # addition.
+            # Output locations of each group's one or two sums. Both are defines, because a layout in GLSL 4.30
+            # cannot contain an addition.
             outputs = {name: sums.index(group.sums[0]) for name, group in groups.items()}
             outputs |= {f"{name}_1": outputs[name] + 1 for name, group in groups.items() if len(group.sums) > 1}
             parts = ProgramParts.of(scene)

@@ -153,7 +153,7 @@ def guide_points(scene: Scene, divisions: NDArray[np.int32], leaf: Int64) -> tup
     """Return the guide of each element of the triangles' lattices (E,), and start points on each guide (G, P, 4).
 
     divisions : (T,) number of segments that each edge of a triangle is divided into
-    leaf      : (E,) number of the solver's element that contains each lattice element
+    leaf : (E,) index of the solver's element that contains each lattice element
 
     A point has its position, world space, and the index of its triangle. If the solver has few elements, each
     element has its own guide with the same index.

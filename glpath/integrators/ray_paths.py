@@ -173,7 +173,8 @@ class RayPathEngine(PathSetEngine):
         hardware = context_of(gl).info.hardware
         self._bounces = min(max(2, settings.path_length), _MAX_BOUNCES)
         self._branches = settings.branches
-        # Two samplers: one runs ahead of the other, and a sampler caches the numbers of only a few sets.
+        # Two samplers, because one runs ahead of the other, and a sampler caches the sample values of only a few
+        # path sets.
         sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
         self._sampler = self._branch_sampler = sampler
         if self._branches > 1:
@@ -383,12 +384,12 @@ def _chosen_by_tree(lighting: Lighting) -> bool:
 def _light_edges(lighting: Lighting) -> NDArray[np.float64]:
     """Return (parts + 1,) bounds in [0, 1] that select a light: a part is a light, or an eighth of all lights.
 
-    An environment map is two parts; otherwise shadow rays would go to its sun even where the rest of the map is
-    visible. The squared error is 0.6 of that with one part; more parts gain little.
+    An environment map is two parts, its suns and the rest, because shadow rays would otherwise go to a sun even
+    where only the rest is visible. The squared error is 0.6 of that with one part; more parts gain little.
     """
     edges = lighting.cdf
-    # With portals the map is one part: of two samples selected by contribution, the one outside the portals would
-    # win, although it is usually occluded.
+    # With portals the environment map is one part: of two samples selected by contribution, the one outside the
+    # portals would win, although it is usually occluded.
     if isinstance(lighting.sky, Environment) and not by_portals(lighting):
         edges = np.insert(edges, -1, edges[-2] + (edges[-1] - edges[-2]) * lighting.sky.split)
     parts = len(edges) - 1

@@ -34,7 +34,7 @@ def device_radiosity(
     proxies : simplified meshes of a scene with streams, for which the solution was computed
     """
     from glpath.radiosity.irradiance_volume import IrradianceVolume
-    from glpath.radiosity.lookup import lookup_table  # imports all of radiosity, which is slow
+    from glpath.radiosity.lookup import lookup_table  # late, because it imports all of radiosity
 
     traced, volume = settings.direct_light == "traced", None
     if proxies is not None:

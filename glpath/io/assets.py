@@ -218,7 +218,7 @@ def _square(m: Float64) -> Float64:
 
 
 def _product(a: Float64, b: Float64) -> Float64:
-    """Return the (3, 4) map that applies `b` (3, 4) first, and then `a` (4, 4)."""
+    """Return the (3, 4) affine map that applies `b` (3, 4) first, and then `a` (4, 4)."""
     return np.asarray(a[:3] @ _square(b))
 
 

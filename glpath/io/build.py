@@ -311,7 +311,7 @@ def _mesh(
             return known[ready, textured, reverse]
         case description.Mesh(file=str(name)) if _only_a_file(given):
             path = folder / name
-            if (path, False, False) not in known:  # reads and warns only once
+            if (path, False, False) not in known:  # read only once, so that warnings are given only once
                 known[path, False, False] = _finished(read_mesh(path, location.field("file")), False, False)
             if (path, textured, reverse) not in known:
                 known[path, textured, reverse] = _finished(known[path, False, False], textured, reverse)

@@ -26,7 +26,7 @@ from glpath.scene.source_location import SourceLocation
 from glpath.scene.spot_cone import spot_solid_angle
 
 MAPS = (".exr", ".hdr", ".png", ".jpg", ".jpeg")
-# Fields that a sky of irradiances (type "perez" or "sun") does not have.
+# Fields that are errors in a sky of type "perez" or "sun", whose light is given as irradiances.
 _NOT_OF_DAYS = ("cie_type", "illuminance", "zenith", "horizon", "file", "scale", "rotation", "unit")
 
 

@@ -27,7 +27,9 @@ _GREY = Surface(Material("default", np.full(3, 0.5)), np.zeros(3))
 
 
 def read_mesh_model(path: Path, location: SourceLocation) -> Model:
-    """Return the model of a file of `meshes.FORMATS` that is named at `location`.
+    """Return the model in a mesh file, which has one of the suffixes `meshes.FORMATS`.
+
+    location : location in the scene that names the file, for errors
 
     Raises SceneError as `read_mesh` does. Warns of triangles without area.
     """

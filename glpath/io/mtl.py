@@ -266,7 +266,7 @@ class _Reader:
         }
 
     def _base_slot(self, base: _Map | None, alpha: _Map | None) -> TextureSlot | None:
-        """Return the slot of the colour texture. Its alpha comes from `map_d` alone."""
+        """Return the texture slot of the colours. The texture's alpha comes from `map_d` alone."""
         if base is None and alpha is None:
             return None
         if alpha is None:

@@ -87,7 +87,7 @@ class ObjFile:
 
 
 class _Tables(NamedTuple):
-    """Numbers of the statements v, vt and vn, one row for each statement."""
+    """Coordinates in the statements v, vt and vn, one row for each statement."""
 
     v: Float64
     vt: Float64

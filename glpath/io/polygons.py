@@ -31,7 +31,8 @@ from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
 
-# Maximum height difference of corners that share one cut, as a fraction of the extent.
+# A polygon with holes is cut into bands at the y coordinates of its corners. Corners whose y coordinates differ by
+# at most this fraction of the polygon's extent share one cut.
 _LEVEL = 1e-9
 # Area below which a triangle counts as having none, as a fraction of the polygon's area.
 _NO_AREA = 1e-9
@@ -179,8 +180,8 @@ def _split_quads(a: Float64, b: Float64, c: Float64, d: Float64) -> tuple[Int64,
     ac, bd, ab, ad = c - a, d - b, b - a, d - a
     normal = _cross(ac, bd)
     size = _dot(normal, normal)
-    # Normals of the two triangles beside a diagonal, as long as twice the areas. A diagonal is inside the quad if
-    # their dot products with the quad's normal are positive.
+    # Normals of the two triangles beside diagonal ac; each normal's length is twice its triangle's area. A diagonal
+    # is inside the quad if the dot products of both normals with the quad's normal are positive.
     halves = np.stack([_cross(ab, ac), _cross(ac, ad)], axis=1)
     beside_ac = _dot(normal[:, None], halves).min(axis=1)
     beside_bd = np.minimum(_dot(normal, _cross(ab, ad)), _dot(normal, _cross(c - b, bd)))
@@ -267,7 +268,7 @@ def _edges_cross_of(outlines: Float64) -> NDArray[np.bool_]:
 
 
 def _ears_of_each(outlines: Float64, sizes: Sequence[int]) -> list[Int64]:
-    """Return the (F, 3) corner numbers of the triangles of each outline, by ear clipping.
+    """Return the triangles of each outline as (F, 3) corner indices, by ear clipping.
 
     outlines : (N, k, 2) points: a counter-clockwise ring, then its holes
     sizes    : number of corners of the ring, and of each hole

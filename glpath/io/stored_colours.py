@@ -28,7 +28,7 @@ def fractions(stored: NDArray[Any], kind: str) -> tuple[Float64, str]:
     the type. For bytes it is always 255. Values that are not finite become white, which does not change the
     material.
 
-    stored : numbers of all colours of the file, without alpha
+    stored : colour components of the whole file as stored, without alpha
     kind   : numpy code of the type that the file declares, such as "u2"
     """
     values = as_float64(stored)

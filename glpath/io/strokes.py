@@ -27,7 +27,7 @@ _SIDES = 8
 
 def point_radius(points: Float64) -> float:
     """Return half the median nearest-neighbour distance of points (N, 3), within `_MIN_POINT` and `_MAX_POINT`."""
-    from scipy.spatial import cKDTree  # slow to import
+    from scipy.spatial import cKDTree  # late, because the import is slow
 
     diagonal = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
     if len(points) < 2 or diagonal == 0.0:

@@ -383,7 +383,7 @@ def _irradiance(table: Any, name: str, source: str) -> Float64:
 
 
 def _column(table: Any, name: str, source: str) -> Float64:
-    """Return the (H,) numbers of a column. Raises SceneError."""
+    """Return the (H,) values of a column. Raises SceneError for a value that is not a number."""
     column = table[name]
     if column.dtype.kind in "fiu":
         return np.array(column, np.float64)

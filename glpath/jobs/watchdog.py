@@ -7,8 +7,8 @@ prints its stack. Data in memory are lost; a checkpoint is not.
 
 The watchdog counts only time in which it ran itself, so a suspended render (Ctrl-Z) does not count as hanging. It
 also excludes time in which this process alone was stopped (SIGSTOP, a debugger), and time for which its threads
-waited for a processor, as reported by the operating system. Otherwise, compilation of a kernel on a busy machine
-could exceed the limit. The watchdog ends when the pipe closes, for any reason.
+waited for a processor, as reported by the operating system. If such time counted, compilation of a kernel on a busy
+machine could exceed the limit. The watchdog ends when the pipe closes, for any reason.
 
 Cost:     start of a Python process without packages, 20 ms of another core; then not measurable.
 Poor at:  path sets or solver steps that take longer than the limit on slow machines, which need a higher limit.

@@ -76,7 +76,7 @@ class ShaftScene:
         ]
 
     def polygons_of(self, shape: str) -> Int32:
-        """Return the numbers of a shape's polygons. Raises UsageError for an unknown name."""
+        """Return the indices of a shape's polygons. Raises UsageError for an unknown name."""
         names = [s.name for s in self.scene.shapes]
         if shape not in self.shapes:
             known = self.shapes

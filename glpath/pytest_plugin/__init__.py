@@ -62,7 +62,8 @@ def render_regression(request: pytest.FixtureRequest) -> Generator[RenderRegress
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
-    # Attributes with plain values are sent from a worker to the controller with the report.
+    # The records become an attribute of the report, because pytest-xdist sends a report's attributes from a worker
+    # to the controller if their values are plain.
     records = item.stash.setdefault(_RECORDS, [])
     if report.skipped and hasattr(report, "wasxfail"):
         for record in records:

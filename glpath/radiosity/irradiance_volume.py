@@ -132,7 +132,7 @@ def _by_axis(row: NDArray[np.int64], rows: int, known: Float64, normals: Float64
 
 
 def _nearest(occupied: NDArray[np.int64], size: NDArray[np.int64]) -> NDArray[np.int32]:
-    from scipy.ndimage import distance_transform_edt  # slow to import
+    from scipy.ndimage import distance_transform_edt  # late, because the import is slow
 
     rows = np.full(size.prod(), -1, np.int32)
     rows[occupied] = np.arange(len(occupied))

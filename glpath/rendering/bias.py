@@ -30,7 +30,8 @@ from glpath.system.time_limit import check_time, part_of_time, seconds_left
 #: Longer side of the reduced image, in pixels; fixed, so that the choice of integrator does not depend on
 #: resolution.
 SIDE = 128
-#: Numbers of path sets after which the bias is checked; the last check decides.
+#: Counts of path sets at which the bias is compared with its limit. Measuring stops at the first count where the
+#: bias is surely small or surely large. At the last count, it stops in any case.
 LOOKS = (6, 12, 24, 48, 64)
 # Correction for standard errors estimated from few sets (Student's t). Divided by the degrees of freedom, it is
 # added to the required number of standard errors.

@@ -83,7 +83,8 @@ def for_measuring(given: Mapping[str, Any], scene: Scene) -> str:
     order = (PathBufferSettings, GatherSettings) if by_scan else (PathSettings, PathBufferSettings, GatherSettings)
     owners = _owners(asked)
     having = [kind for kind in order if kind in owners]
-    kinds = [kind for kind in having if _takes(kind, asked)] or having or order  # the first one raises the error
+    # If no integrator accepts the options, the returned one raises the error.
+    kinds = [kind for kind in having if _takes(kind, asked)] or having or order
     return kinds[0].integrator
 
 
@@ -101,7 +102,8 @@ def _engine(given: Mapping[str, Any], scene: Scene, solvable: Callable[[], bool]
         return PathBufferSettings.integrator
     asked = {name: value for name, value in given.items() if value is not False}  # False is an unset flag
     having = _owners(asked)
-    kinds = [kind for kind in having if _takes(kind, asked)] or having or [PathSettings]  # which raises the error
+    # If no integrator accepts the options, the returned one raises the error.
+    kinds = [kind for kind in having if _takes(kind, asked)] or having or [PathSettings]
     if kinds[0] is GatherSettings and len(kinds) > 1:
         solved = not (_has_ambient(scene) or scene.moving_shapes) and solvable()
         return kinds[0 if solved else 1].integrator

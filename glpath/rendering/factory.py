@@ -100,7 +100,7 @@ def solve_for_gather(
 
     refined : True for more and finer elements, if the bias with the usual ones is too large
     """
-    from glpath.radiosity.solvers.solve import solve_radiosity  # slow to import
+    from glpath.radiosity.solvers.solve import solve_radiosity  # late, because the import is slow
 
     width, height = scene.camera.resolution
     finer = max(1.0, (width * height / _COARSE_PIXELS) ** 0.5)
@@ -148,9 +148,10 @@ class Plan(ABC):
         """
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
-        """Return the plan with results that need the traceable scene but no context, that is a radiosity solution.
+        """Return the plan with the results that need no OpenGL context, such as a radiosity solution.
 
-        say : function called at intervals with a description of the work
+        scene : result of `traceable`
+        say   : function called at intervals with a description of the work
         """
         return self
 
@@ -355,7 +356,7 @@ def _check_expandable(scene: Scene) -> None:
     total, kept = scene.shapes.total("triangle"), sum(len(mesh.faces) for mesh in scene.shapes.meshes)
     if total < _MANY_TRIANGLES or total < 2 * kept:
         return
-    from glpath.radiosity.memory import available_bytes  # slow to import
+    from glpath.radiosity.memory import available_bytes  # late, because the import is slow
 
     need, available = _BYTES_PER_TRIANGLE * total, available_bytes()
     if need > available:
@@ -454,8 +455,10 @@ class _Gathering(Plan):
     """Plan of "gather", which looks up a radiosity solution.
 
     solution : solution of the prepared plan: the given one, from its file, or made for the scene
-    proxies  : meshes to solve instead of streams, in the prepared plan of a scene with streams
-    is_resumed : True if the film was begun with a complete solution, which it needs again
+    proxies  : meshes that replace the streamed triangles in the radiosity solution; None if the plan is not
+               prepared or the scene has no streams
+    is_resumed : True if the plan resumes a film that was begun with a complete solution. It then needs a complete
+                 solution again
     """
 
     settings: GatherSettings
@@ -492,7 +495,7 @@ class _Gathering(Plan):
         return path_traceable(_posed(scene), streams=self.settings.by_path_buffer)
 
     def prepared(self, scene: Scene, say: Say) -> Plan:
-        from glpath.radiosity.solution import RadiositySolution  # slow to import
+        from glpath.radiosity.solution import RadiositySolution  # late, because the import is slow
 
         if self.solution is not None:
             return self
@@ -673,7 +676,7 @@ class _Whitted(Plan):
         timings: bool,
         device: DeviceScene | None = None,
     ) -> WhittedTracer:
-        from glpath.integrators.whitted import WhittedTracer  # imports numba, which is slow
+        from glpath.integrators.whitted import WhittedTracer  # late, because numba is slow to import
 
         return WhittedTracer(
             context.gl,

@@ -340,7 +340,7 @@ def describe(
         starts = CameraSensor.of(loaded.camera)
         settings = chosen(integrator, given, loaded, math.prod(starts.resolution))
         if loaded.background is not None and loaded.background.transparent:
-            aovs = {*settings.aovs, "depth"}  # the alpha channel is made from depth
+            aovs = {*settings.aovs, "depth"}  # the alpha channel is computed from the AOV depth
             settings = replace(settings, aovs=tuple(name for name in AOVS if name in aovs))
     else:
         if resolution is not None or camera is not None:

@@ -78,7 +78,7 @@ def _trace(
 
 
 def missing(path_sets: tuple[int, int], ranges: tuple[tuple[int, int], ...]) -> Iterator[tuple[int, int]]:
-    """Yield, as ranges split where the batch changes, the path sets that are in none of the sorted `ranges`."""
+    """Yield the path sets that are in none of the sorted `ranges`, as ranges that each lie in one batch."""
     start, end = path_sets
     for done_start, done_stop in (*ranges, (end, end)):
         yield from blocks(start, min(done_start, end))

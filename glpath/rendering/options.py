@@ -124,7 +124,10 @@ class Option:
 
     @property
     def default(self) -> Any:
-        """Default of the parameter; None if integrators have different defaults, or if one lacks the option."""
+        """Default that all integrators share; None if they have different defaults.
+
+        Also None if an integrator lacks the option, except for flags (bool), where only the others are compared.
+        """
         common = [s.default for s in self.settings.values()]
         everywhere = len(common) == len(INTEGRATORS) or self.first.type is bool
         return common[0] if everywhere and all(value == common[0] for value in common) else None
@@ -270,7 +273,7 @@ def _checked(setting: Setting, value: Any) -> Any:
 def _file_or_solution(name: str, value: Any) -> Path | Solution:
     if isinstance(value, str | Path):
         return Path(value)
-    from glpath.radiosity.solution import RadiositySolution  # slow to import
+    from glpath.radiosity.solution import RadiositySolution  # late, because the import is slow
 
     if not isinstance(value, RadiositySolution):
         raise UsageError(

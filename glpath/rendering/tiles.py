@@ -23,7 +23,10 @@ class Tile:
 
 
 def cover(window: tuple[int, int, int, int], limit: int) -> list[Tile]:
-    """Return tiles of one size that cover the window; the last of a row or column overlaps the one before."""
+    """Return tiles of one size that cover the window.
+
+    The last tile in a row or column of tiles overlaps the tile before it.
+    """
     x0, y0, width, height = window
     side = min(limit, math.isqrt(MAX_PATHS))
     # A tile of a low image may be as wide as the device's limit.

@@ -141,9 +141,9 @@ def _minimum(sums: Float64, counts: NDArray[np.int64]) -> Extreme:
 def _gain(sums: Float64, counts: NDArray[np.int64]) -> float:
     """Return the variance of the mean over all batches, relative to that of independent batches.
 
-    The number of a batch is three bits of its path sets' numbers. If the variance of n path sets falls as n^-(1 +
-    a), batches that differ in the lowest bit differ most. With each further bit, the variance falls by 2^-a, down
-    to the variance of the mean over all batches.
+    The index of a batch is three bits of the indices of its path sets. If the variance of n path sets falls as
+    n^-(1 + a), batches that differ in the lowest bit differ most. With each further bit, the variance falls by
+    2^-a, down to the variance of the mean over all batches.
     """
     variances: list[float] = []
     weights: list[int] = []
@@ -175,7 +175,7 @@ def _gain(sums: Float64, counts: NDArray[np.int64]) -> float:
 
 
 def _halves(batches: int) -> Iterator[list[int]]:
-    """Yield the numbers of the batches that choose: all halves, of both sizes if the number of batches is odd."""
+    """Yield the batch indices of every half of the batches, in both sizes if the count of batches is odd."""
     for size in sorted({batches // 2, batches - batches // 2}):
         yield from (list(each) for each in combinations(range(batches), size))
 

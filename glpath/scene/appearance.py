@@ -145,7 +145,7 @@ class Appearance:
     def mean_reflectance(self, triangle: Int64 | None = None, corners: Float64 = WHOLE) -> Float64:
         """Return the (P, 3) float64 mean reflectance of parts of triangles.
 
-        triangle : (P,) numbers of the triangles; None: all triangles
+        triangle : (P,) indices of the triangles; None: all triangles
         corners  : (P, 3, 2) barycentric coordinates of each part's corners
         """
         return self._means(self.reflectance, "reflectance", triangle, corners, 3)
@@ -246,7 +246,7 @@ class Appearance:
         )
 
     def slot_uv(self, slot: TextureSlot, triangle: Int64, b: Float64) -> Float64:
-        """Return the (N, 2) texture coordinates of a slot at points.
+        """Return the (N, 2) lookup coordinates of a texture slot at points.
 
         With K points b (N, K, 2) of each triangle, the result is (N, K, 2).
         """
@@ -342,7 +342,7 @@ class Appearance:
         shape_of = self.scene.triangle_shape[triangle]
         for number in np.unique(shape_of):
             own = np.flatnonzero(shape_of == number)
-            # Among slots with the same texture coordinates, the largest texture decides.
+            # Among texture slots with the same coordinates, the largest texture decides.
             finest: dict[tuple[int, bytes], tuple[TextureSlot, float]] = {}
             for slot in self._materials[number].slots.values():
                 texture = self.scene.textures[slot.texture]

@@ -132,9 +132,9 @@ class Camera:
         )
 
     def at(self, time: float | None = None) -> Camera:
-        """Return the camera at a time in seconds, without motion, and with the shutter at that moment.
+        """Return a camera without motion, with the pose at `time` and a shutter that opens and closes at `time`.
 
-        time : seconds; None: when the shutter opens
+        time : seconds; None: the time at which the shutter opens
         """
         moment = self.shutter[0] if time is None else float(time)
         if not self.motion:

@@ -112,14 +112,14 @@ def _moved_shape(
 
 
 def _shifted(maps: Float64, origin: Float64) -> Float64:
-    """Return maps (N, 3, 4) whose results are relative to the origin (3,)."""
+    """Return affine maps (N, 3, 4) whose results are relative to the origin (3,)."""
     found = np.array(maps, np.float64)
     found[:, :, 3] -= origin
     return found
 
 
 def _before(maps: Float64, within: Float64) -> Float64:
-    """Return the maps (N, 3, 4) for a mesh from whose vertices the point `within` (3,) was subtracted."""
+    """Return affine maps (N, 3, 4) for a mesh from whose vertices the point `within` (3,) was subtracted."""
     found = np.array(maps, np.float64)
     found[:, :, 3] += found[:, :, :3] @ within
     return found

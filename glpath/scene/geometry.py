@@ -1,4 +1,4 @@
-"""Geometry of shapes: meshes that share vertices, exact spheres and planes, and the maps of their instances.
+"""Geometry of shapes: meshes that share vertices, exact spheres and planes, and the affine maps of their instances.
 
 A shape is a geometry with maps to world space. `Shapes` derives the arrays that engines need, each on first use: a
 pool of vertices in world space with faces, or separate corners.
@@ -35,7 +35,7 @@ class Mesh:
     """Triangles that share vertices. A mesh is equal only to itself; shapes with the same mesh are its instances.
 
     vertices : (V, 3) float64
-    faces    : (F, 3) int32 numbers of vertices, counter-clockwise seen from the front
+    faces : (F, 3) int32 vertex indices, counter-clockwise seen from the front
     uv       : (V, 2) float64 texture coordinates of the vertices, or None
     normals  : (V, 3) float64 unit shading normals on the front's side, or None; zeros stand for the face normal
     uv1      : (V, 2) float64 second texture coordinates, or None
@@ -333,12 +333,12 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def spheres(self) -> Float64:
-        """Maps (S, 3, 4) float64 of the spheres, see `Scene.spheres`."""
+        """Affine maps (S, 3, 4) float64 of the spheres, see `Scene.spheres`."""
         return _joined([s.world_from_object for s in self if s.geometry == "sphere"], np.zeros((0, 3, 4)))
 
     @cached_property
     def planes(self) -> Float64:
-        """Maps (P, 3, 4) float64 of the planes, see `Scene.planes`."""
+        """Affine maps (P, 3, 4) float64 of the planes, see `Scene.planes`."""
         return _joined([s.world_from_object for s in self if s.geometry == "plane"], np.zeros((0, 3, 4)))
 
     @cached_property
@@ -394,7 +394,7 @@ def placed(points: Float64, world_from_object: Float64) -> Float64:
 
 
 def instance_boxes(mesh: Mesh, world_from_mesh: Float64) -> tuple[Float64, Float64]:
-    """Return (N, 3) lower and (N, 3) upper corners of boxes around a mesh's triangles under maps (N, 3, 4)."""
+    """Return (N, 3) lower and (N, 3) upper corners of boxes around a mesh under affine maps (N, 3, 4)."""
     points, count = mesh.used_vertices, len(world_from_mesh)
     lower, upper = np.empty((count, 3)), np.empty((count, 3))
     if count == 1:
@@ -432,7 +432,7 @@ def perpendicular(axis: Float64) -> Float64:
 def sphere_extent(spheres: Float64) -> Float64:
     """Return the (S, 3) float64 half widths of spheres (S, 3, 4) along each axis.
 
-    The half width of an ellipsoid along an axis is the length of that row of its map.
+    The half width of an ellipsoid along an axis is the length of that axis' row in its affine map.
     """
     linear = spheres[:, :, :3]
     return np.asarray(np.sqrt(np.einsum("nij,nij->ni", linear, linear)))

@@ -25,8 +25,8 @@ MIN_SAVED = 500_000
 #: Minimum number of triangles of an instanced mesh. A smaller mesh is expanded, because a test of its box is hardly
 #: cheaper than tests of its triangles.
 MIN_TRIANGLES = 64
-# Minimum ratio of smallest to largest scale of an instance's map. Meshes with flatter maps are expanded, because
-# such maps lose digits that rays need.
+# Minimum ratio of the smallest to the largest scale of an instance's affine map. A mesh with a flatter instance is
+# expanded, because rays in its space would lose digits.
 _FLATTEST = 1e-4
 
 
@@ -39,7 +39,7 @@ class InstancedScene:
                 material, only the first keeps the mesh. That mesh is centred on the origin and scaled to a size
                 from 1/2 to 1, so it is not at a visible position
     mesh_shape : (M,) int, for each mesh, index of the shape of `resident` that contains it
-    mesh      : (I,) int, mesh number of each instance
+    mesh : (I,) int, index of each instance's mesh
     shape     : (I,) int, shape of each instance, in the order of the shapes
     world_from_mesh : (I, 3, 4) float64, maps from the mesh in `resident` to the world
     """
@@ -147,7 +147,7 @@ def _parted(scene: Scene, of_mesh: dict[tuple[Mesh, int], list[int]]) -> Instanc
 
 
 def _about_origin(mesh: Mesh) -> tuple[Mesh, Float64]:
-    """Return the mesh centred on the origin, of a size from 1/2 to 1, and the (3, 4) map back."""
+    """Return the mesh centred on the origin, of a size from 1/2 to 1, and the affine map (3, 4) back."""
     lower, upper = mesh.used_vertices.min(axis=0), mesh.used_vertices.max(axis=0)
     scale = 2.0 ** np.ceil(np.log2(float((upper - lower).max())))
     middle = 0.5 * (lower + upper)
@@ -155,7 +155,7 @@ def _about_origin(mesh: Mesh) -> tuple[Mesh, Float64]:
 
 
 def _after(maps: Float64, first: Float64) -> Float64:
-    """Return maps (N, 3, 4) that apply `first`, then each of `maps`."""
+    """Return affine maps (N, 3, 4) that apply `first`, then each of `maps`."""
     found = maps[:, :, :3] @ first
     found[:, :, 3] += maps[:, :, 3]
     return np.asarray(found)

@@ -166,7 +166,9 @@ class Scene:
 
     @property
     def spheres(self) -> Float64:
-        """Maps world_from_unit (S, 3, 4) float64 of the unit sphere; the last column is the centre.
+        """Affine maps world_from_unit (S, 3, 4) float64, each from the unit sphere to one of the scene's spheres.
+
+        The last column is the centre.
 
         Any affine map is allowed, so ellipsoids too. The front is outside, or inside if the determinant is
         negative. u follows the longitude about the unit sphere's z axis; v goes from 0 at its south pole to 1 at
@@ -176,7 +178,7 @@ class Scene:
 
     @property
     def planes(self) -> Float64:
-        """Maps world_from_plane (P, 3, 4) float64.
+        """Affine maps world_from_plane (P, 3, 4) float64.
 
         The columns are: the directions in which u and v grow by one (any length, perpendicular), the unit normal
         out of the front, and the point with u = v = 0.
@@ -264,7 +266,7 @@ class Scene:
         Computed on first use and shared by solver, guides and gathering, because it takes seconds for a textured
         room.
         """
-        from glpath.scene.appearance import Appearance  # imports the image readers
+        from glpath.scene.appearance import Appearance  # late, because it imports the image readers
 
         found = Appearance(self).side_reflectance()
         found.flags.writeable = False
@@ -304,9 +306,9 @@ class Scene:
         return mimebundle(self)
 
     def at(self, time: float | None = None) -> Scene:
-        """Return the scene at a time in seconds, without motion, and with the shutter at that moment.
+        """Return the scene at `time`, without motion. Its shutter opens and closes at `time`.
 
-        time : seconds; None: when the shutter opens
+        time : seconds; None: the time at which the shutter opens
         """
         moment = self.camera.shutter[0] if time is None else time
         return replace(self.still(moment), camera=self.camera.at(moment))
@@ -316,7 +318,7 @@ class Scene:
 
         Returns the same scene if no shape moves.
 
-        time : seconds; None: when the shutter opens
+        time : seconds; None: the time at which the shutter opens
         """
         if all(shape.motion is None for shape in self.shapes):
             return self

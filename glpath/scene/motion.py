@@ -21,7 +21,7 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Motion of a shape's instances: the moving map is applied after the maps of `placed`.
+    """Motion of a shape's instances: the affine map of the motion is applied after the maps `placed`.
 
     times  : (K,) float64 in seconds, increasing; the pose is constant before the first and after the last
     maps   : (K, 3, 4) float64, affine, last column the translation; none of them mirrors or flattens
@@ -70,7 +70,7 @@ class Motion:
 
 
 def followed_by(world_from_object: Float64, motion: Float64) -> Float64:
-    """Return maps (N, 3, 4) followed by the map `motion` (3, 4); the same array if `motion` is the identity."""
+    """Return affine maps (N, 3, 4) followed by `motion` (3, 4); the same array if `motion` is the identity."""
     if np.array_equal(motion, np.eye(3, 4)):
         return world_from_object
     moved = motion[:, :3] @ world_from_object

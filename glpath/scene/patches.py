@@ -112,9 +112,9 @@ class _Division:
     """Division of a unit square.
 
     uv_points : (K, 2) u and v
-    faces : (F, 3) numbers of points, counter-clockwise
+    faces : (F, 3) indices of points, counter-clockwise
     edge  : (K,) edge of each point, 0 to 3 as in `Patches.edges`, -1 for none
-    step  : (K, 2) for a point of an edge, its number along the edge and the edge's segment count
+    step : (K, 2) for a point of an edge, its index along the edge and the edge's segment count
     """
 
     uv_points: Float64
@@ -186,7 +186,7 @@ class _Points:
 
     position, normals, uv : (V, 3), (V, 3), (V, 2)
     group : (V,) equal for points at the same position
-    faces : (F, 3) numbers of points; no face has two points at the same position
+    faces : (F, 3) indices of points; no face has two points at the same position
     """
 
     position: Float64
@@ -326,7 +326,7 @@ def _in_one_order(curves: Float64) -> tuple[Float64, NDArray[np.bool_]]:
 
 
 def _same_rows(rows: Float64) -> Int64:
-    """Return (N,) numbers that are equal for rows (N, 3) with the same bits."""
+    """Return (N,) indices that are equal for points (N, 3) with the same bits."""
     whole = np.ascontiguousarray(rows + 0.0)
     _, which = np.unique(whole.view(np.dtype((np.void, 24))).ravel(), return_inverse=True)
     return np.asarray(which.ravel(), np.int64)

@@ -1,8 +1,8 @@
 """Photometric webs: intensity of a luminaire in each direction, measured from far away.
 
-Directions are those of type C photometry. gamma is the angle from the luminaire's axis (0: down, for a ceiling
-lamp). C is the angle around the axis. C = 0 is along an axis stored with the light. C = 90 is along the cross
-product of that axis with the light's direction.
+Directions are those of type C photometry. gamma is the angle from the light's direction (down, for a ceiling lamp).
+C is the angle around that direction. C = 0 is along a perpendicular vector that is stored with the light. C = 90 is
+along the cross product of that vector with the light's direction.
 
 Cost:     16 bytes on the device for every cell of the grid: 0.5 MB for steps of one degree.
 Poor at:  nearby surfaces, because the luminaire is a point, however large it is.

@@ -116,7 +116,7 @@ def _clustered_stream(stream: Stream, lower: Float64, cell: float) -> _Surface:
 class _Merged:
     """Clusters of a stream.
 
-    cells   : (C,) cell numbers, ascending
+    cells : (C,) keys of the cells, ascending, see `_keys`
     sums    : (C, 3) sum of the corners in each cell, weighted by the areas of their triangles
     weights : (C,) sum of these areas
     faces   : (F, 3) cells of the remaining triangles, each once
@@ -160,7 +160,7 @@ def _clustered(surface: _Surface, lower: Float64, cell: float) -> _Surface:
 
 
 def _keys(points: Float64, lower: Float64, cell: float) -> Int64:
-    """Return (N,) numbers of the cells that contain points (N, 3)."""
+    """Return (N,) for each point (N, 3) the key of its cell: the cell's indices along x, y and z, 20 bits each."""
     x, y, z = np.maximum(np.floor((points - lower) / cell), 0).astype(np.int64).T
     return np.asarray(x | y << 20 | z << 40)
 

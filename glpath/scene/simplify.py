@@ -2,9 +2,9 @@
 
 Meshes are simplified by quadric error metrics (Garland & Heckbert 1997, by the library fast-simplification).
 Emitting shapes are not simplified, because light samples are drawn on them. Shapes with textures, vertex colours or
-transparency are not, because their textures and colours could not be mapped to the simpler surface. 99 of 100
-vertices of a mesh must be within a thousandth of the scene's diameter from the simpler surface. Otherwise the mesh
-keeps more triangles.
+transparency are not, because their textures and colours could not be mapped to the simpler surface. A mesh keeps
+enough triangles that 99 of 100 of its vertices are within a thousandth of the scene's diameter from the simpler
+surface.
 
 Cost:     about 3 µs a triangle, once.
 Poor at:  leaves, grass and nets, whose area changes.
@@ -150,7 +150,7 @@ def _deviation(points: Float64, mesh: Mesh) -> float:
     If there are many points, only some are tested. A point is compared with triangles that have sample points
     nearby, so its true distance may be smaller. The samples are spread evenly over all triangles.
     """
-    from scipy.spatial import cKDTree  # slow to import
+    from scipy.spatial import cKDTree  # late, because the import is slow
 
     points = points[:: -(-len(points) // _ASKED)]
     triangles = mesh.vertices[mesh.faces]

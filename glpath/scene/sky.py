@@ -156,7 +156,7 @@ class Environment:
 
     @property
     def rows_above(self) -> int:
-        """Number of rows above the horizon of a cut map; 0 for other maps."""
+        """Number of image rows above the horizon if rows are not blended there (`cut`); otherwise 0."""
         return self.image.shape[0] // 2 if self.cut else 0
 
     @cached_property
@@ -260,9 +260,9 @@ class Environment:
 
     @property
     def split(self) -> float:
-        """Value of the first number of `directions` that divides the sky into two lights.
+        """Value of u[:, 0] of `directions` that divides the sky into two lights.
 
-        Below it are the suns, above it is the rest. Without suns it is 0.5.
+        Smaller values select suns, larger values the rest of the sky. Without suns it is 0.5.
         """
         bright = self.sun_share or self._tables.bright
         return bright if 0 < bright < 1 else 0.5
@@ -273,9 +273,9 @@ class Environment:
 
         Returns four tables:
         - (2 h + 1,) cumulative probability of half rows;
-        - (2 h,) numbers of these half rows, 2 i for the upper half of row i;
-        - (2 h,) integral over the angle, in rows, of each half's tent times the sine of the angle;
-        - (h, w + 1) cumulative probability of each row's texels.
+        - (2 h,) indices of these half rows: 2 i for the upper half of row i, 2 i + 1 for the lower; - (2 h,)
+        integral over the angle, in rows, of each half's tent times the sine of the angle; - (h, w + 1) cumulative
+        probability of each row's texels.
         """
         tables = self._tables
         return tables.rows, tables.order, self._halves.mass, tables.columns
@@ -302,7 +302,7 @@ class Environment:
 class _Tables(NamedTuple):
     """Tables for drawing directions.
 
-    order   : (2 h,) numbers of the upper and lower halves of rows, those with a sun first
+    order : (2 h,) indices of half rows, as in `choices`; half rows with a sun come first
     rows    : (2 h + 1,) cumulative probability of the halves in this order
     columns : (h, w + 1) cumulative probability of each row's texels
     bright  : probability of the rows with a sun

@@ -9,14 +9,14 @@ from glpath.scene.sky import Environment, Sky
 
 Float64 = NDArray[np.float64]
 
-#: Rows and columns of a sky's map.
+#: Default rows and columns of an analytic sky's environment map.
 SKY_SIZE = (256, 512)
-# Number of Gauss quadrature points between the centres of two rows, where the map is linear.
+# Number of Gauss quadrature points between the centres of two rows, between which the filtered map is linear.
 _POINTS = 8
 
 
 def texel_directions(up: Float64, size: tuple[int, int] = SKY_SIZE) -> Float64:
-    """Return the (h, w, 3) unit directions of a map's texel centres, without a rotation."""
+    """Return the (h, w, 3) unit directions of an environment map's texel centres, without a rotation."""
     height, width = size
     rows = (np.arange(height) + 0.5) * (np.pi / height)
     turns = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
@@ -41,7 +41,7 @@ def open_ground(sky: Sky | Environment) -> Float64:
 
 
 def horizontal_irradiance(seen: Float64) -> float:
-    """Return the irradiance of a surface that faces up, from a one-channel map (h, w).
+    """Return the irradiance of a surface that faces up, from an environment map (h, w) of one channel.
 
     Only the upper half counts, filtered as if the map were cut at the horizon.
     """

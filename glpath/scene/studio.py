@@ -36,7 +36,7 @@ class _Softbox(NamedTuple):
 
     azimuth, elevation : centre in degrees; azimuth 0 is +z, where the front of a model faces, and 90 is +x
     wide, high : size in degrees
-    radiance   : radiance before the map is scaled so that a white, level ground has radiance 1
+    radiance : radiance before the environment map is scaled, so that a white, level ground has radiance 1
     """
 
     azimuth: float
@@ -83,7 +83,7 @@ def studio(up: tuple[float, float, float] = (0.0, 1.0, 0.0)) -> Environment:
 
 @functools.cache
 def _studio(up: tuple[float, float, float]) -> Environment:
-    # With y up, the centre of the map is +z, and +x is to its left: see `Environment`.
+    # With y up, the centre of the environment map is +z, and +x is to its left, see `Environment`.
     theta = (np.arange(_HEIGHT) + 0.5)[:, None] * (np.pi / _HEIGHT)
     phi = (0.5 - (np.arange(_WIDTH) + 0.5) / _WIDTH)[None, :] * (2 * np.pi)
     elevation = 90.0 - np.degrees(theta) + np.zeros_like(phi)
@@ -102,7 +102,7 @@ def _studio(up: tuple[float, float, float]) -> Environment:
     area = np.sin(theta) * (np.pi / _HEIGHT) * (2 * np.pi / _WIDTH)
     white = float((light * np.maximum(height, 0.0) * area).sum()) / np.pi
     image = np.repeat((light / white)[..., None], 3, axis=2).astype(np.float32)
-    # The centre of a map is along +x if z is up.
+    # The centre of an environment map is along +x if z is up.
     return Environment(image, np.array(up), rotation=-90.0 if abs(up[2]) > 0 else 0.0, assumed=True)
 
 

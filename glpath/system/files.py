@@ -35,7 +35,7 @@ Save = Callable[[Path], object]
 _STDOUT = "-"
 # Maximum length of a file name in bytes on nearly all file systems.
 _MAX_NAME_BYTES = 255
-# Placeholder for the random part of a temporary name, which no real name contains.
+# Placeholder for the random part of a temporary name. No file name contains these null characters.
 _NO_TOKEN = 8 * "\0"
 
 

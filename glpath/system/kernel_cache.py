@@ -246,7 +246,7 @@ def _locked(path: Path) -> int | None:
         return 0
     try:
         _fcntl.flock(handle, _fcntl.LOCK_EX | _fcntl.LOCK_NB)
-        if os.path.samestat(os.fstat(handle), os.lstat(path)):  # otherwise its last owner has just removed it
+        if os.path.samestat(os.fstat(handle), os.lstat(path)):  # not removed by its last owner meanwhile
             return handle
     except BlockingIOError:
         pass

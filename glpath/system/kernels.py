@@ -93,7 +93,7 @@ def _as_python(dispatcher: Any) -> Any:
 def _for_types(dispatcher: Any) -> Any:
     """Return the function, compiled by types alone, so that all integers share one compilation.
 
-    Otherwise numba compiles the function again for each literal argument and for each literal initial value.
+    Numba would otherwise compile the function again for each literal argument and each literal initial value.
     """
     compile_now = dispatcher.compile
 

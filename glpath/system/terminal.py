@@ -46,7 +46,10 @@ def clean(text: str) -> str:
 
 
 def encodable(text: str) -> str:
-    """Return `text` with bytes of a file name that are not UTF-8 as escapes, so that files can hold it."""
+    """Return `text` in a form that can be encoded as UTF-8: each surrogate is replaced by an escape.
+
+    Python decodes a byte of a file name that is not UTF-8 as a surrogate.
+    """
     return _SURROGATE.sub(lambda found: _escape(found[0]), text)
 
 

@@ -35,7 +35,7 @@ MAX_STEP = 40
 class LatticeDirection:
     """Direction from sample to sample.
 
-    columns, rows : coprime numbers of columns and rows in a step; rows count southwards
+    columns, rows : coprime counts of columns and rows in a step; rows count southwards
     azimuth       : radians, clockwise from north
     """
 

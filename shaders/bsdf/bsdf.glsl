@@ -81,9 +81,9 @@ struct Bsdf
     float entry_mean;  // `entry` for uniform light
 #endif
 #endif
-    // Refractive index of the far side over that of the near side. 0: thin, without refraction; THIN_DIELECTRIC:
-    // see there; below that: minus the index of a slab, for which `transmission` is that of one pass through its
-    // glass.
+    // Refractive index of the far side, divided by that of the near side. 0: thin, without refraction.
+    // THIN_DIELECTRIC: thin and smooth. Below THIN_DIELECTRIC: minus the index of a slab; `transmission` is then
+    // the transmittance of one pass through the slab's glass.
     float eta;
 #endif
 };

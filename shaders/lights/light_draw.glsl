@@ -5,11 +5,12 @@
 // Frame:  world.
 #include <LIGHT_DRAWS>
 #ifdef PARTS
-// For each part of the lights: first random number, count of such numbers, first and last piece.
+// For each part of the lights: the first random number that selects the part, the count of such numbers, and the
+// indices of the part's first and last piece.
 uniform uvec4 light_parts[PARTS];
 #endif
 #ifdef HAS_ENVIRONMENT
-uniform int sky_halves;            // number of half rows of the map
+uniform int sky_halves;            // number of half rows of the environment map
 #ifdef HAS_SUN
 uniform float sun_share;           // fraction of the sky's light that comes from the sun
 #endif
@@ -44,8 +45,9 @@ uint half_begins(int half_row) { return sky_half_texel(half_row, SKY_HALF_CHOICE
 
 uint texel_begins(int at) { return sky_column_texel(at >> 2, SKY_COLUMN_CHOICES)[at & 3]; }
 
-// Draws a direction of the map, like `Environment.directions`. Its density is sky_pdf() divided by `weight`. The
-// weight contains the sine of the angle from up, which `Environment.directions` includes in its tents.
+// Draws a direction by the radiance of the environment map, like `Environment.directions`. Its density is sky_pdf()
+// divided by `weight`. The weight contains the sine of the angle from up, which `Environment.directions` includes
+// in its tents.
 vec3 map_drawn(vec3 u, out float weight)
 {
     uint number = uint(u.x * 16777216.0) << 8u;
@@ -54,13 +56,14 @@ vec3 map_drawn(vec3 u, out float weight)
     uvec4 of = sky_half_texel(first, SKY_HALF_CHOICE);
     int row = int(of.y >> 1u);
     float lower = (of.y & 1u) != 0u ? -1.0 : 1.0, mass = uintBitsToFloat(of.z), rows = float(sky_size.y), theta;
-    // Radiance is constant beyond the middle of these rows.
+    // At the poles, radiance is constant beyond the middle of the first and the last row.
     if (int(of.y) == 0 || int(of.y) == 2 * sky_size.y - 1) {
         theta = 2.0 * asin(sqrt(0.5 * u.y * mass));
         if (lower < 0.0) theta = PI - theta;
         weight = 1.0;
     } else if (int(of.y) == 2 * sky_rows_above - 1 || int(of.y) == 2 * sky_rows_above) {
-        // Radiance is also constant beside a horizon across which the map is not interpolated.
+        // Radiance is also constant in the half rows beside the horizon, if the map is not interpolated across the
+        // horizon.
         theta = 0.5 * PI + lower * asin(u.y * mass);
         weight = 1.0;
     } else {
@@ -81,7 +84,7 @@ vec3 map_drawn(vec3 u, out float weight)
     return local.x * sky_middle + local.y * cross(sky_up, sky_middle) + local.z * sky_up;
 }
 
-// Draws a direction of the map or of the sun; u.x chooses which.
+// Draws a direction of the environment map or of the sun; u.x chooses between the two.
 vec3 sky_drawn(vec3 u, out float weight)
 {
 #ifdef HAS_SUN

@@ -5,9 +5,9 @@
 #include "sampling/angles.glsl"
 #ifdef HAS_ENVIRONMENT
 uniform ivec2 sky_size;
-uniform vec3 sky_middle;  // unit direction to the middle of the map
+uniform vec3 sky_middle;  // unit direction to the middle of the environment map
 uniform vec3 sky_up;
-// Number of rows above the horizon if the map is not interpolated across the horizon; otherwise 0.
+// Number of the map's rows above the horizon, if the map is not interpolated across the horizon; otherwise 0.
 uniform int sky_rows_above;
 #ifdef HAS_SUN
 uniform vec3 sun_direction;  // unit direction to the sun

@@ -9,7 +9,7 @@
 #ifdef LIGHT_TREE
 #include "lights/light_tree.glsl"
 #endif
-uniform uvec3 sequence_point;           // the path set's point of the sequence
+uniform uvec3 sequence_point;           // sequence point of the path set, see light_point()
 #else
 uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
 #endif

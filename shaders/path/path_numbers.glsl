@@ -1,4 +1,4 @@
-// path_numbers.glsl: random numbers of a path's vertices.
+// path_numbers.glsl: random numbers for the vertices of a path.
 // Needs:  BRANCHES: number of branches of a path; BOUNCES: number of bounces, from the first, whose directions come
 //         from the sequence; START_POINTS; random.glsl
 //

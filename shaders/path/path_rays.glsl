@@ -92,10 +92,10 @@ struct RayPath
     vec3 L;           // radiance accumulated so far
     vec3 beta;        // throughput
     float pdf;        // density of the ray's direction, per solid angle
-    float reached;    // distance of the hit from the vertex of the last light samples; see `passed`
+    float reached;    // distance from the vertex of the last light samples to the hit, including `passed`
 #ifdef LIT_FROM
     vec3 lit_from;    // position of the vertex of the last light samples
-    vec3 lit_normal;  // its normal, on the side of the ray
+    vec3 lit_normal;  // normal at lit_from, on the side of the ray
 #endif
     float rays;       // number of rays cast so far
     int vertices;     // maximum number of vertices of this path
@@ -289,8 +289,8 @@ ScatterVertex arrive(inout RayPath path, ivec2 pixel, float seen)
 #endif
         add_light(path, path.beta * Le * (path.at.depth == 0 ? seen : share));
     }
-    // The start is offset from the surface by more than the rounding error. Otherwise the ray would hit triangles
-    // next to its own.
+    // The start is offset from the surface by more than the rounding error. A ray from a nearer start would hit
+    // triangles next to its own.
     vec3 far = abs(s.v.surface.position);
     s.rounding = RAY_ROUNDING * ((at_start(path.at) ? start_extent : s.t) + max(far.x, max(far.y, far.z)));
     s.start = s.v.surface.position + s.rounding * s.v.normal;

@@ -21,7 +21,7 @@ flat out float skipped;
 
 uniform int cell_columns;
 #ifdef LISTED
-// Number of triangles; for the second view, the list has numbers of triangles plus listed_of.
+// Number of triangles. An entry of the list is a triangle's index, plus listed_of for the second view.
 uniform int listed_of;
 #endif
 

@@ -6,9 +6,9 @@
 // Placement of an instance's mesh in the world; the identity for the scene's own triangles.
 struct Placing
 {
-    int first;  // number of a hit minus number of the mesh's triangle
+    int first;  // offset to subtract from a hit's number, which gives the triangle's index in <SCENE>
     int shape;  // -1 for the triangle's own shape
-    vec4 x;     // first row of the affine map world_from_mesh; y and z are the other rows
+    vec4 x;     // first row of the affine transform world_from_mesh; y and z are the other rows
     vec4 y;
     vec4 z;
 };

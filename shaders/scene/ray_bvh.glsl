@@ -26,10 +26,10 @@ struct Ray
     vec3 direction;
     vec3 start;    // distance along the ray to the plane through the lower corner, for each axis
     vec3 inverse;  // distance along the ray for one step, for each axis
-    uint order;    // bit position of the order in which this octant's rays visit children, in a word of LINK
-    bool second;   // true if that order is in the second of the two words
+    uint order;    // bit position of the visiting order of children in LINK, for this octant's rays
+    bool second;   // true if the visiting order is in LINK.z, false if it is in LINK.y
 #ifdef HAS_INSTANCES
-    int first;     // number of a hit minus number of the mesh's triangle
+    int first;     // offset to add to the index of a mesh's triangle, which gives the number of a hit
     vec3 world_origin;
     vec3 world_direction;
 #endif

@@ -167,8 +167,8 @@ void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
 #endif
 }
 
-// Returns the shading normal `n`, tilted towards the eye if it points away from the eye. Otherwise the outline of a
-// smooth object would be black.
+// Returns the shading normal `n`, tilted towards the eye if it points away from the eye. Without the tilt, the
+// outline of a smooth object would be black.
 vec3 facing_normal(vec3 n, vec3 wo)
 {
 #ifdef HAS_NORMALS
@@ -226,8 +226,8 @@ float shading_cosine(vec3 n, vec3 normal, float vertex_cosine, vec3 wi)
 }
 
 #ifdef HAS_MICROFACETS
-// BRDF of microfacets and clearcoat, times the cosine of wi with their mirroring normal over its cosine with the
-// geometric normal.
+// BRDF of microfacets and clearcoat, relative to the cosine of wi with the geometric normal: each lobe's BRDF is
+// multiplied by wi's cosine with the lobe's own normal, and divided by wi's cosine with the geometric normal.
 vec3 mirroring_eval(Bsdf b, vec3 n, vec3 normal, vec3 wo, vec3 wi)
 {
     mat3 axes = surface_axes(b, mirroring_normal(n, normal, wo));

@@ -45,7 +45,7 @@ void main()
 
     vec4 rectangle = hemicube_rectangle(cube_face);
     float low = hemicube_low(cube_face);
-    // Homogeneous map from the face's plane to its rectangle of the atlas.
+    // Homogeneous transform from the face's plane to its rectangle of the atlas.
     vec2 q = vec2((p.x + p.z) * 0.5 * rectangle.z + rectangle.x * p.z,
                   (p.y - low * p.z) / (1.0 - low) * rectangle.w + rectangle.y * p.z);
     float n = light_range.x, f = light_range.y;

@@ -1,4 +1,4 @@
-// point_shadow_map.glsl: map between directions and cells of a point light's shadow-buffer.
+// point_shadow_map.glsl: conversion between directions and the cells of a point light's shadow-buffer.
 // Frame:  world axes about the light. A buffer is one face (sphere) or six (cube) of shadow_cells. A position on a face is in
 //         cells, with (0, 0) at its lower corner and centres of cells at halves.
 // Needs:  SHADOW_CUBE: the cube; otherwise the sphere

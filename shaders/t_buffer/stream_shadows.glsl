@@ -1,6 +1,6 @@
 // stream_shadows.glsl: one bit for each shadow ray from a pixel's first surface, set if streamed triangles block
-// the ray. Bits have the ray numbers of shadow_rays.glsl. If the pixel sees no surface, the first bit is that of
-// the ground's ray.
+// the ray. A bit's index is the ray's number in shadow_rays.glsl. If the pixel sees no surface, the first bit is
+// that of the ground's ray.
 // Needs:  camera.glsl; STREAM_SHADOWS: streamed triangles are tested
 // A texture holds the words of all pixels as images, one image for each 32 rays, arranged in columns and rows.
 #ifdef STREAM_SHADOWS

@@ -74,8 +74,8 @@ vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high)
     vec3 a = pixels * to_eye(vertex_position(face.x) - eye_position);
     vec3 b = pixels * to_eye(vertex_position(face.y) - eye_position);
     vec3 c = pixels * to_eye(vertex_position(face.z) - eye_position);
-    // Scale the corners; only their directions are used. Otherwise products of three vectors would exceed the range
-    // of floats in large scenes.
+    // Scale the corners, because products of three vectors would exceed the range of floats in large scenes. Only
+    // the corners' directions are used.
     vec3 max_abs = max(abs(a), max(abs(b), abs(c)));
     float scale = 1.0 / max(max(max_abs.x, max_abs.y), max(max_abs.z, 1e-30));
     a *= scale;

@@ -34,8 +34,9 @@ def export(
     """Write a scene for other programs, to compare with them or to move there.
 
     The triangles are those that path tracing renders, spheres included; lengths are in scene units. Light in .glb
-    is in cd, lx and cd m^-2, with 179 lumens per watt. Light in .xml has the numbers of the scene, in either unit.
-    Features that the format lacks are approximated or left out, with a SceneWarning.
+    is in cd, lx and cd m^-2, with 179 lumens per watt. Light in .xml has the same values as in the scene, whether
+    these are radiometric or photometric. Features that the format lacks are approximated or left out, with a
+    SceneWarning.
 
     scene      : a scene in any form that `glpath.load_scene` takes
     path       : .xml for Mitsuba 3, with a folder NAME_files beside it for meshes (PLY) and images (PNG, EXR).

@@ -103,7 +103,10 @@ def v_downwards(uv: Float64) -> Float64:
 
 
 def map_downwards(uv_transform: Float64, scale: tuple[float, float]) -> Float64:
-    """Return the (3, 3) map of a slot, with the repeats of its texture, for coordinates with v downwards."""
+    """Return the (3, 3) affine map of a texture slot, for coordinates with v downwards.
+
+    It includes the repeats of the slot's texture.
+    """
     matrix, over = np.eye(3), np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
     matrix[:2] = uv_transform * np.array(scale)[:, None]
     return np.asarray(over @ matrix @ over)

@@ -27,9 +27,10 @@ _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 
 
 class Glb:
-    """glTF file of a scene in coordinates relative to its origin (`Scene.centred`), with its camera.
+    """glTF file of a scene and its camera.
 
-    The origin becomes the translation of the root node, because vertices are 32-bit floats.
+    Coordinates are relative to the scene's origin (`Scene.centred`), because vertices are 32-bit floats. The origin
+    becomes the translation of the root node.
 
     bounds : bounding box of the scene
     textures, samplers, images, materials : lists that callers append to

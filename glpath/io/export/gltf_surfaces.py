@@ -244,7 +244,7 @@ class Surfaces:
     def _info(
         self, name: str, slot: TextureSlot | None, *, srgb: bool = False, alpha: bool = False
     ) -> dict[str, Any]:
-        """Return the texture of a slot as a property of an extension; empty without a texture."""
+        """Return the texture of a texture slot as a property of an extension; empty without a texture."""
         info = self._slot(slot, srgb=srgb, alpha=alpha)
         if info is None:
             return {}
@@ -303,7 +303,12 @@ def _volume(material: Material) -> dict[str, Any]:
 
 
 def _uv_transform(matrix: Float64) -> tuple[dict[str, Any], bool]:
-    """Return KHR_texture_transform of a map (3, 3) for v downwards, and True if it represents the map exactly."""
+    """Return the fields of KHR_texture_transform for a matrix of texture coordinates, and True if they are exact.
+
+    The extension has no shear, so they are not exact for a matrix with shear.
+
+    matrix : (3, 3), for v downwards
+    """
     across, down = matrix[:2, 0], matrix[:2, 1]
     angle = math.atan2(-across[1], across[0])
     c, s = math.cos(angle), math.sin(angle)

@@ -14,8 +14,8 @@ Pixels:   a box filter: one sample falls in exactly one pixel. `Camera.fov` is v
 Sides:    Mitsuba's surfaces are black from behind, like `Material.two_sided = False`, unless "twosided". Its area
           lights emit from the front only. A two-sided light becomes two meshes, each offset by a hundred-thousandth
           of the diagonal.
-Units:    the numbers of the scene, so that images are equal: W for a radiometric scene, cd and cd m^-2 for a
-          photometric scene. Mitsuba's RGB modes have no unit.
+Units: light values are those of the scene, so that images are equal: W for a radiometric scene, cd and cd m^-2 for
+       a photometric scene. Mitsuba's RGB modes have no unit.
 Poor at:  features without a counterpart, which `MitsubaScene.differences` lists. Smooth normals are exported, but
           unlike glpath, Mitsuba does not compensate for the light that they lose.
 Source:   Jakob et al. 2022, Mitsuba 3 renderer, https://mitsuba-renderer.org
@@ -251,7 +251,7 @@ def _sky(sky: Sky | Environment) -> Plugin:
 
 
 def _envmap(sky: Sky | Environment, axes: tuple[Float64, Float64, Float64], size: tuple[int, int]) -> Plugin:
-    """Return an environment map with the radiance of a sky in Mitsuba's directions.
+    """Return a Mitsuba environment map whose texels hold the radiance of `sky` in their directions.
 
     Mitsuba's first row lies exactly at the upper pole and its last row at the lower pole. Its columns lie at the
     centres of equal steps of the azimuth. A map of h rows is written as 2 h + 1 rows, which interpolate like the

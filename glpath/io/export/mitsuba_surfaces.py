@@ -337,7 +337,7 @@ class _Surface:
 
 
 def bitmap(texture: Texture, slot: TextureSlot, image: Any, *, raw: bool, note: Callable[[str], None]) -> Plugin:
-    """Return a bitmap plugin for an image, looked up as in a slot.
+    """Return a bitmap plugin for an image, with the lookup of a texture slot.
 
     raw : True if the image holds data other than colours
     """

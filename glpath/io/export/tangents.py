@@ -19,7 +19,7 @@ from glpath.scene.material import Material, TextureSlot
 
 
 def tangent_slot(material: Material) -> TextureSlot | None:
-    """Return the slot whose coordinates define the tangents that glTF requires; None if it requires none."""
+    """Return the texture slot whose coordinates define the tangents that glTF requires; None if none are needed."""
     if material.normal_texture is not None:
         return None
     if material.clearcoat > 0 and material.clearcoat_normal_texture is not None:
@@ -30,8 +30,8 @@ def tangent_slot(material: Material) -> TextureSlot | None:
 def with_tangents(mesh: Mesh, slot: TextureSlot) -> tuple[Mesh, Float64]:
     """Return the mesh with normals at all vertices, and its (V, 4) unit tangents with a sign.
 
-    The tangent is the direction in which u of the slot grows; v grows along sign * (normal x tangent). Without
-    texture coordinates, tangents are arbitrary.
+    The tangent is the direction in which u of the texture slot grows; v grows along sign * (normal x tangent).
+    Without texture coordinates, tangents are arbitrary.
     """
     mesh = _with_normals(mesh)
     uv = mesh.uv1 if slot.uv_set else mesh.uv

@@ -240,7 +240,7 @@ def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: 
 class _Group:
     """Instances of one primitive's mesh, while they are collected.
 
-    maps  : arrays (N, 3, 4) of transforms from mesh to world space
+    maps : arrays (N, 3, 4) of affine transforms from mesh to world space
     nodes : indices of nodes that each add one instance, whose transform is not yet in `maps`
     """
 
@@ -252,7 +252,10 @@ class _Group:
     nodes: list[int] = field(default_factory=list)
 
     def add_instances(self, world: Float64) -> None:
-        """Move the instances of `nodes` to `maps`."""
+        """Append the transforms of the instances of `nodes` to `maps`, and empty `nodes`.
+
+        world : (N, 4, 4) transforms of all nodes
+        """
         if self.nodes:
             self.maps.append(world[self.nodes, :3])
             self.nodes = []
@@ -620,7 +623,7 @@ def _are_solid(meshes: Sequence[Mesh]) -> bool:
 
 
 def _stretch(linear: Float64) -> tuple[Float64, Float64]:
-    """Return (N,) determinants of maps (N, 3, 3), and (N,) sizes to compare them with.
+    """Return (N,) determinants of linear maps (N, 3, 3), and (N,) sizes to compare them with.
 
     A size is the product of the Frobenius norms of the map and of its cofactor matrix. The ratio of determinant to
     size is 1/3 for a uniform scale, and near 0 for a map that flattens.

@@ -387,7 +387,7 @@ def _of_size(*images: Float64) -> list[Float64]:
 
 
 def _uv_transform(table: Table) -> Float64:
-    """Return the (2, 3) map of KHR_texture_transform with v upwards.
+    """Return the (2, 3) affine map of texture coordinates for KHR_texture_transform, with v upwards.
 
     The extension's text rotates coordinates counter-clockwise on an image with v downwards, and so do viewers. Its
     GLSL rotates them clockwise [KhronosGroup/glTF issue 1563].

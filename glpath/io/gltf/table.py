@@ -77,13 +77,19 @@ class Table:
     @overload
     def integer(self, name: str, default: None = None, low: int = 0, high: int = 2**53) -> int | None: ...
     def integer(self, name: str, default: int | None = None, low: int = 0, high: int = 2**53) -> int | None:
-        """Return an integer from `low` to `high`; `default` if it is missing."""
+        """Return the integer in field `name`; `default` if the field is missing.
+
+        Raises SceneError for an integer below `low` or above `high`.
+        """
         if name not in self.values:
             return default
         return _integer(self.values[name], self.location.field(name), low, high)
 
     def required(self, name: str, low: int = 0, high: int = 2**53) -> int:
-        """Return an integer from `low` to `high`. Raises SceneError if it is missing."""
+        """Return the integer in field `name`.
+
+        Raises SceneError if the field is missing, or if the integer is below `low` or above `high`.
+        """
         return _integer(self._present(name), self.location.field(name), low, high)
 
     def choice(self, name: str, allowed: Mapping[Any, Choice], default: Choice) -> Choice:
@@ -98,9 +104,11 @@ class Table:
         return allowed[value]
 
     def index(self, name: str, of: Sequence[Any], what: str) -> int | None:
-        """Return an index into `of`; None if it is missing.
+        """Return the index in field `name`; None if the field is missing.
 
-        what : plural noun of the elements, for messages
+        Raises SceneError for a number that is no index of `of`.
+
+        what : plural noun of the elements of `of`, for messages
         """
         if name not in self.values:
             return None
@@ -125,7 +133,10 @@ class Table:
         return _number(self.values[name], self.location.field(name), low, high)
 
     def numbers(self, name: str, default: Sequence[float], low: float = -LARGEST, high: float = LARGEST) -> Float64:
-        """Return (n,) float64, as many numbers as `default` has."""
+        """Return (n,) float64, the list in field `name`; `default` if the field is missing.
+
+        Raises SceneError for a list of another length than `default`, or a number below `low` or above `high`.
+        """
         if name not in self.values:
             return np.array(default, np.float64)
         value, location = self.values[name], self.location.field(name)
@@ -134,7 +145,7 @@ class Table:
         return np.array([_number(each, location.item(i), low, high) for i, each in enumerate(value)])
 
     def any_numbers(self, name: str) -> Float64:
-        """Return (n,) float64, a list of any length; empty if it is missing."""
+        """Return (n,) float64, the list in field `name`, of any length; empty if the field is missing."""
         value, location = self._list(name), self.location.field(name)
         return np.array(
             [_number(each, location.item(i), -LARGEST, LARGEST) for i, each in enumerate(value)], np.float64

@@ -23,9 +23,10 @@ from glpath.scene.model import Environment, Light, Sky
 _KINDS = dict.fromkeys(("point", "spot", "directional", "constant", "envmap", "sunsky"))
 # Ratio of a spot's beam width to its cutoff angle below which a note reports the different falloff.
 _SHARP = 0.999
-# Number of rows of a map from which on a shift by half a row is invisible, so that its rows are not resampled.
+# Minimum number of rows of an environment map for which a shift by half a row is invisible. The rows of such a map
+# are not resampled.
 _SMALL = 1100
-# Rows of a stretched map that are computed at once, to save memory.
+# Number of rows of a stretched environment map that are computed at once, to save memory.
 _ROWS_AT_ONCE = 64
 
 
@@ -126,9 +127,9 @@ _SKIES: dict[str, Callable[[Plugin], Sky | Environment]] = {
 
 
 def _in_middles(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the rows of a map at the centres of equal steps of the polar angle.
+    """Return an environment map resampled to rows at the centres of equal steps of the polar angle.
 
-    Mitsuba takes its first row as exactly up and its last as exactly down. `glpath export` writes maps whose even
+    In Mitsuba, the first row is exactly up and the last row exactly down. `glpath export` writes maps whose even
     rows are means of their neighbours, so such a map is read back unchanged. A small map gets enough rows that
     interpolation hardly changes it. A row of a large map is off by at most half a step, which is accepted.
     """
@@ -145,9 +146,9 @@ def _in_middles(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _stretched(image: NDArray[np.float32], map_from_world: Float64) -> NDArray[np.float32]:
-    """Return the map as Mitsuba shows it through a linear map (3, 3) that is no rotation, in a frame with y up.
+    """Return the environment map as Mitsuba shows it if its transform (3, 3) is no rotation, in a frame with y up.
 
-    Mitsuba takes the arc cosine of y of the direction in the frame of the map without normalising the direction.
+    Mitsuba transforms a direction to the map's frame, and takes the arc cosine of its y without normalising it.
     """
     height = image.shape[0]
     rows = max(height, min(2 * height, 2048), 512)
@@ -159,10 +160,10 @@ def _stretched(image: NDArray[np.float32], map_from_world: Float64) -> NDArray[n
 def _stretched_rows(
     image: NDArray[np.float32], map_from_world: Float64, theta: Float64, rows: int
 ) -> NDArray[np.float32]:
-    """Return some rows of a stretched map.
+    """Return some rows of the result of `_stretched`.
 
     theta : (n, 1) polar angles of the rows, from up
-    rows  : number of rows of the whole map
+    rows : number of rows of the whole result
     """
     height, width = image.shape[:2]
     phi = np.pi * (np.arange(2 * rows) + 0.5) / rows

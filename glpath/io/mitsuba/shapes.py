@@ -157,7 +157,9 @@ class Reader:
     def _facing(
         self, geometry: Mesh | Literal["sphere"], maps: Float64, reverse: bool, material: int
     ) -> tuple[Mesh | Literal["sphere"], Float64]:
-        """Return geometry for a material, and its maps (..., 3, 4), with fronts and backs exchanged if `reverse`.
+        """Return geometry for a material, and the affine maps (..., 3, 4) of its instances.
+
+        Fronts and backs are exchanged if `reverse` is True.
 
         The front of a sphere can only be exchanged by a mirroring map. A textured sphere becomes triangles instead,
         so that the texture is not mirrored.
@@ -267,7 +269,7 @@ class Reader:
 
 
 def _composed(after: Float64, world_from_object: Float64) -> Float64:
-    """Return the (3, 4) map that applies `world_from_object` first and `after` second."""
+    """Return the (3, 4) affine map that applies `world_from_object` first and `after` second."""
     return np.asarray((after @ np.vstack([world_from_object, [0.0, 0.0, 0.0, 1.0]]))[:3])
 
 

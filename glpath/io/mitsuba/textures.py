@@ -209,7 +209,10 @@ def _constant(plugin: Plugin) -> Look:
 
 
 def _to_uv(plugin: Plugin) -> Float64:
-    """Return the (2, 3) map for coordinates with v upwards that equals Mitsuba's `to_uv` with v downwards."""
+    """Return the (2, 3) affine map, for texture coordinates with v upwards, that equals Mitsuba's `to_uv`.
+
+    Mitsuba's v runs downwards.
+    """
     given = plugin.transform("to_uv")
     scale = np.diag([plugin.number("uscale", 1.0), plugin.number("vscale", 1.0), 1.0])
     scale[:2, 2] = plugin.number("uoffset", 0.0), plugin.number("voffset", 0.0)

@@ -326,7 +326,7 @@ def directions_in_bins(normals: Float64, bins: Int64, random: np.random.Generato
 
 
 def _by_the_radiance(sky: Environment, count: int, random: np.random.Generator, rays: int) -> Float64:
-    """Return (count, rays, 3), unit directions distributed by the map's radiance for each point, stratified.
+    """Return (count, rays, 3), unit directions for each point, stratified by the environment map's radiance.
 
     Drawing a direction costs more than casting a ray. Many points therefore share `_DRAWN` directions, and each
     point picks one at random from each cell, so the estimate stays unbiased. The shared directions are stratified
@@ -342,7 +342,7 @@ def _by_the_radiance(sky: Environment, count: int, random: np.random.Generator, 
 
 
 def _directions(sky: Environment, u: Float64, random: np.random.Generator) -> Float64:
-    """Return (..., 3), directions distributed by a map's radiance.
+    """Return (..., 3), directions distributed by an environment map's radiance.
 
     u : (..., 2) in [0, 1); the numbers select the row of the map and the texel in it
     """

@@ -142,7 +142,7 @@ class Mesh:
 
 
 def divisions_of_size(scene: Scene, surface: Int64, size: float | Float64) -> Int64:
-    """Return (T,) numbers of parts of each triangle's edges, so that no part is longer than `size`.
+    """Return (T,) for each triangle the number of parts of its edges, so that no part is longer than `size`.
 
     size : one length for all triangles, or (T,)
 
@@ -153,7 +153,7 @@ def divisions_of_size(scene: Scene, surface: Int64, size: float | Float64) -> In
 
 
 def _divisions(longest: Float64, surface: Int64, size: float | Float64) -> Int64:
-    """Return (T,) numbers of parts, from the longest edge of each triangle."""
+    """Return the result of `divisions_of_size`. longest: (T,) length of each triangle's longest edge."""
     parts = np.maximum(np.ceil(longest / size - 1e-9), 1)
     min_parts = np.full(surface.max(initial=-1) + 1, np.inf)
     max_parts = np.zeros_like(min_parts)

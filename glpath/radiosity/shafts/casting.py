@@ -253,7 +253,10 @@ def _start(source, lit, common, group, clump, bundle):  # type: ignore[no-untype
 
 @inner_kernel
 def _block(x, polygons, source, lit, clump, bundle, left):  # type: ignore[no-untyped-def]
-    """Remove the rays that polygon x blocks from `clear`; return the number of remaining rays."""
+    """Set `bundle.clear` to 0 for the rays that polygon x blocks; return the number of rays that are still clear.
+
+    left : number of clear rays before the call
+    """
     begin, count, own = clump
     clear, at_a, at_b = bundle.clear, bundle.at_a, bundle.at_b
     forms, flag = polygons.forms, polygons.flags[x]

@@ -112,9 +112,10 @@ class ShaftOptions:
 
     @classmethod
     def of_words(cls, words: Sequence[str]) -> ShaftOptions:
-        """Parse words NAME=VALUE such as "strategy=ratio open"; the first word "paper" selects the paper's options.
+        """Return the options with the values in `words`, each of the form NAME=VALUE, such as "clump=64".
 
-        Raises UsageError for an unknown name or value.
+        Options without a word keep their defaults, or the values of `PAPER` if the first word is "paper". Raises
+        UsageError for an unknown name or value.
         """
         made = cls()
         for number, word in enumerate(words):

@@ -325,7 +325,10 @@ def form_shaft(shaft, slack, min_cut):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def overlaps(boxes, i, other):  # type: ignore[no-untyped-def]
-    """Return True if boxes[i] overlaps a box. An index is passed, because a view of the row costs as much time."""
+    """Return True if boxes[i] overlaps a box.
+
+    The box is passed by its index, because creating an array view takes as long as the test.
+    """
     return (
         boxes[i, 0] <= other[3] and other[0] <= boxes[i, 3]
         and boxes[i, 1] <= other[4] and other[1] <= boxes[i, 4]

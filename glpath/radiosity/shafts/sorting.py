@@ -10,7 +10,10 @@ _RUN = 16
 
 @inner_kernel
 def merge_sort(keys, order, spare, n):  # type: ignore[no-untyped-def]
-    """Sort order[:n], indices into `keys`, by their keys; the sort is stable. `spare` is as long as `order`."""
+    """Sort order[:n], indices into `keys`, by their keys; the sort is stable.
+
+    `spare` is working memory of the same length as `order`.
+    """
     for begin in range(0, n, _RUN):
         for i in range(begin + 1, min(begin + _RUN, n)):
             item = order[i]

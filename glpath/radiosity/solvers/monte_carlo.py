@@ -328,7 +328,7 @@ class Shooting:
     def _spread_visits(self, cells: Elements, visits: Float64) -> Float64:
         """Return `visits` (2, C) with a fraction of them spread evenly over each surface.
 
-        Otherwise small cells that all paths missed would get no particles.
+        Small cells that all paths missed then get particles, too.
         """
         surface, areas = self.mesh.surface[cells.triangle], self.mesh.scene.areas[cells.triangle] / cells.n**2
         of = np.stack([np.bincount(surface, side) for side in visits]) / np.bincount(surface, areas)

@@ -92,7 +92,7 @@ Report = Callable[[ViewFactorProgress], None]
 class _Part:
     """Exchange areas found by some tasks, as entries of one half of the matrix.
 
-    tasks    : numbers of the tasks
+    tasks : indices of the tasks
     i, j     : row and column of each entry
     exchange : exchange area A F of each entry, in scene units squared
     error    : standard error of each exchange area

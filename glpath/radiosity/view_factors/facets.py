@@ -205,7 +205,10 @@ def _distance2(a: Any, b: Any) -> float:
 
 
 def planar_regions(vertices: Float64, outlines: Sequence[Outline], size: float) -> Int64:
-    """Return (F,) int64, numbers of regions of coplanar faces that share edges, in order of appearance."""
+    """Return (F,) int64, for each face the index of its region: coplanar faces that are connected by common edges.
+
+    Regions are numbered in the order of their first faces.
+    """
     points = [tuple(map(float, v)) for v in vertices]
     normals = [_normal(points, outline) for outline in outlines]
     sides: dict[tuple[int, int], int] = {}
@@ -248,7 +251,7 @@ def convex_parts(vertices: Float64, outline: Outline, max_corners: int) -> list[
         return _dot(normal, _cross(_minus(points[b], points[a]), _minus(points[c], points[b])))
 
     n = len(outline)
-    # Any other outline turns outward somewhere, unless it intersects itself and winds around more than once.
+    # An outline that turns outward nowhere is convex, unless it intersects itself and winds around more than once.
     if all(turn(outline[k - 1], outline[k], outline[(k + 1) % n]) >= 0 for k in range(n)):
         step = max_corners - 2
         return [(outline[0], *outline[k : k + step + 1]) for k in range(1, n - 1, step)]

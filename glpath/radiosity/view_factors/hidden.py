@@ -35,7 +35,9 @@ _UNIT = 2.0**-32
 
 
 class Sampling(NamedTuple):
-    """Numbers of points for a visible fraction, which are doubled until its standard error is small enough.
+    """Counts of sample points for a visible fraction, from the first count to the last.
+
+    The count is doubled until the standard error of the fraction is small enough.
 
     first, max_points : powers of 2 from `BLOCKS` to `MAX_POINTS`
     tolerance         : target standard error
@@ -256,7 +258,7 @@ def seen_share(a, plane, b, exchange, sampling, seed, clipped, work):  # type: i
     together are distributed more evenly than each block, so the estimate is cautious.
 
     exchange : exchange area of the two polygons without occluders
-    sampling : numbers of points; its tolerance is an exchange area
+    sampling : first and maximum count of points, and the tolerated standard error as an exchange area
     seed     : seed of the scrambling
     """
     r0 = mixed(seed)
