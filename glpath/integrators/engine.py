@@ -38,7 +38,7 @@ class Engine(Owner, ABC):
     timings  : True to measure the time of each stage, which takes some time itself
     """
 
-    _sampler: PathSetSampler  # these three are created by `prepare`
+    _sampler: PathSetSampler  # `prepare` creates `_sampler`, `_sums` and `_aovs`
     _sums: PixelSums
     _aovs: EyeAovs | None
 

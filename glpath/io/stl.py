@@ -106,7 +106,7 @@ def _rows_with_payload(content: bytes, count: int, source: str) -> NDArray[Any] 
     stored = np.frombuffer(content, np.uint8)
     bytes_of_rows = stored[np.array(starts)[:, None] + np.arange(_FACET.itemsize)]
     rows = bytes_of_rows.view(_FACET)[:, 0]
-    rows["attribute"] = 0  # they were byte counts, not colours
+    rows["attribute"] = 0  # the 16-bit words were byte counts, not colours
     return rows
 
 

@@ -255,7 +255,7 @@ def _check_holes(descriptor: int, size: int) -> None:
         try:
             start = os.lseek(descriptor, start, os.SEEK_DATA)
             stop = os.lseek(descriptor, start, os.SEEK_HOLE)
-        except OSError:  # no more data
+        except OSError:  # the rest of the file is a hole
             break
         data, start = data + stop - start, stop
         if data * _HOLES_RATIO >= size:

@@ -57,7 +57,7 @@ def _is_read(descriptor: int) -> bool:
     pipe = select.poll()
     pipe.register(descriptor, select.POLLOUT)
     patience = 0.0 if descriptor in _unread else _PATIENCE
-    _unread.add(descriptor)  # before the wait, because a signal may end it
+    _unread.add(descriptor)  # recorded before the wait, because a signal may end the wait
     if not pipe.poll(1000 * patience):
         return False
     _unread.discard(descriptor)

@@ -27,7 +27,7 @@ from glpath.radiosity.shafts.options import Statistics
 from glpath.scene.model import Float64
 from glpath.system.kernels import kernel
 
-#: Number of next patches whose columns other cores may compute ahead.
+#: Number of next patches whose form factor columns other cores may compute ahead.
 _AHEAD = 64
 
 
