@@ -173,7 +173,7 @@ def auto_exposure(radiance: ArrayLike) -> float:
     if not lit.size:
         return 0.0
     key = float(np.exp(np.mean(np.log(np.maximum(lit, 1e-3 * np.median(lit))))))
-    white = max(float(np.percentile(y, 99)), 1e-300)  # it is 0 if less than 1 % of the pixels are lit
+    white = max(float(np.percentile(y, 99)), 1e-300)  # the percentile is 0 if less than 1 % of the pixels are lit
     wanted, to_white = np.log2(MIDDLE_GREY / key), -np.log2(white)
     return float(np.round(4.0 * max(wanted, min(0.0, to_white))) / 4.0) + 0.0
 
@@ -309,7 +309,8 @@ def layer_channels(name: str) -> list[str]:
     Blender and Cycles. All values up to 2**24 are exact, and readers that support one type of channel accept the
     file.
     """
-    letters = AOV_KINDS[name].letters if name in AOV_KINDS else "RGB"  # such as "denoised"
+    # A layer that is no AOV, such as "denoised", has colours.
+    letters = AOV_KINDS[name].letters if name in AOV_KINDS else "RGB"
     return [f"{name}.{letter}" for letter in letters]
 
 

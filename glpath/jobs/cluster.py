@@ -355,7 +355,7 @@ class _Render:
     def _look_around(self, chunks: Chunks) -> None:
         """Update the list of workers, and hand out the chunks of lost workers again."""
         if not self.cluster.connected:
-            return  # a call would wait for Dask's long timeout
+            return  # because a call would wait for Dask's long timeout
         try:
             recent = time.monotonic() - _SHUN_S
             self._workers = [w for w in self.cluster.workers() if self._dead.get(w, -math.inf) < recent]

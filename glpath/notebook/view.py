@@ -105,7 +105,7 @@ def view(
     chosen = integrator or _integrator(loaded)
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     if integrator is None and chosen == "path":
-        given = {"guide": "cosine"} | given  # no radiosity solution, which would delay the first image
+        given = {"guide": "cosine"} | given  # no guide, because its radiosity solution would delay the first image
     if chosen in ("t-buffer", "classic") and "shadows" not in given:
         given = {"shadows": "cube", "shadow_resolution": 512} | given
     job, loaded = describe(loaded, integrator=chosen, spp=spp, resolution=resolution, **given)

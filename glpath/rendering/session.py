@@ -58,7 +58,7 @@ class Session:
     ) -> None:
         self._job = job
         self._plan = checked_plan(job, scene) if plan is None else plan
-        self._checks_bias = plan is None  # a given plan was checked before
+        self._checks_bias = plan is None  # the bias of a given plan was checked before
         self._probe: BiasProbe | None = None
         self._traced = self._plan.traceable(scene)
         self._engine: Engine | None = None

@@ -180,7 +180,7 @@ def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
         raise OSError(errno.EBADF, "it is closed")
     try:
         descriptor = stream.fileno()
-    except OSError:  # a Python object without a descriptor
+    except OSError:  # `sys.stdin` is a Python object without a descriptor
         return _within(stream.read(limit + 1), limit)
     if os.isatty(descriptor):
         return _within(stream.read(), limit)
@@ -508,7 +508,7 @@ def save_all(
         try:
             saves[path](path)
             written.append(path)
-        except Exception as error:  # also errors of our own, which must not lose the other outputs
+        except Exception as error:  # any error, even a bug of ours, must not lose the other outputs
             failures[path] = error
     if not failures:
         return written, None

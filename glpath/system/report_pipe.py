@@ -30,7 +30,7 @@ def pipe_of(stream: IO[str] | None) -> int | None:
     """Return the descriptor of a text stream that is a pipe or socket; None if it is anything else."""
     if not isinstance(stream, io.TextIOWrapper):  # other streams may send text elsewhere, as a notebook's does
         return None
-    with contextlib.suppress(OSError, ValueError):  # closed, or not a file
+    with contextlib.suppress(OSError, ValueError):  # the stream may be closed, or no file
         descriptor = stream.fileno()
         if _is_pipe(descriptor):
             return descriptor
