@@ -175,7 +175,7 @@ class _Workspace(NamedTuple):
 
     @classmethod
     def of(cls, items: int, dtype: DTypeLike) -> _Workspace:
-        """Allocate for ranges of `items` items, with boxes of type `dtype`."""
+        """Allocate the working memory for ranges of up to `items` items, with boxes of type `dtype`."""
         return cls(
             np.empty((items + 2, 2), np.int64),
             np.empty((items + 2, 6)),

@@ -345,7 +345,7 @@ def _between(fits: tuple[float, float], over: tuple[float, float], size: int) ->
 
 
 def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list[Charts] | None:
-    """Return each part's charts in units of `_unit`; None for few sides, because each packing then makes its own charts.
+    """Return each part's charts in units of `_unit`; None for few sides, for which each packing makes its charts.
 
     texels : approximate texels per scene unit of the later packing; xatlas stretches charts to whole texels
 

@@ -358,7 +358,7 @@ def _names(job: RenderJob, scene: Scene) -> dict[str, Any]:
 
 
 def _position_origin(job: RenderJob, scene: Scene) -> dict[str, Any]:
-    """Return the origin of positions in the film if it is not the world's origin."""
+    """Return the film's field `position_origin`; empty if its positions are relative to the world's origin."""
     if "position" not in job.integrator.aovs or not scene.centred.origin.any():
         return {}
     return {"position_origin": tuple(scene.centred.origin.tolist())}

@@ -14,7 +14,7 @@
 
 #ifdef HAS_ALPHA
 uniform uint opacity_seed;  // seed of a render, or of one light of a path set; hashed on the CPU
-uniform uint opacity_set;   // number of the path set
+uniform uint opacity_set;   // index of the path set
 // Key of a ray's random numbers, set before the ray is cast. Each surface that the ray hits adds a key of its own.
 uint opacity_key = 0u;
 // Sequence point of the path set, for rays that every set casts through the same pixel. It is permuted by the keys
