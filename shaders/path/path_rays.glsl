@@ -54,7 +54,7 @@ const int MIRRORS = 1024;
 #endif
 
 #ifdef CONTROL_VARIATE
-uniform int lookup_depth;         // diffuse bounces before the vertex at which the solution may first replace the path
+uniform int lookup_depth;         // number of diffuse bounces before the first possible look-up of the solution
 // Radical inverse of the path set's index; decides which paths continue at their first look-up.
 uniform float correction_number;
 const float FIRST_CHANCE = 0.5;   // probability that a path continues at its first look-up
