@@ -46,7 +46,7 @@ DEFAULT_ELEMENTS = 2000
 SIDE_RAYS = 128
 #: Default number of rays from each sensor.
 GATHER_RAYS = 1024
-#: Number added to the seed for the rays from sensors, so that they differ from the rays between sides.
+#: Number added to the seed for the rays from sensors, so that they differ from the rays between element sides.
 GATHER_SEED = 1
 #: Number of sample points on an element's side.
 POINTS = 4

@@ -402,7 +402,7 @@ def _check_pillow(path: Path, suffix: str, pixel_bytes: int) -> None:
 
 
 def check_scans(data: bytes) -> None:
-    """Raise ValueError for a JPEG with implausibly many scans; data of other formats are accepted.
+    """Raise ValueError for a JPEG with implausibly many scans (passes over the image); other formats are accepted.
 
     Source: ITU-T T.81, annex B.
     """

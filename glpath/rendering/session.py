@@ -116,7 +116,8 @@ class Session:
         began = time.perf_counter()
         if self._engine is None:
             clock.report("compiling shaders")
-            # A side is at most half of the largest texture, because the two views of a scan lie side by side.
+            # A side is at most half of the largest texture, because the two views of a path-buffer's scan lie side
+            # by side.
             self._tiles = cover(job.window, self._context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
             with self._context as context:
                 sensor = sensor_in(self._traced, job.sensor, scene)

@@ -91,7 +91,10 @@ class CameraSensor:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """Properties that an engine is built for: projection, lens, motion. Equal ones allow its reuse."""
+        """Properties that an engine is built for: projection, lens, motion.
+
+        A sensor of equal properties can reuse the engine.
+        """
         return (self.projection, self.aperture_radius > 0, self.camera.moves)
 
     def moved(self, origin: NDArray[np.float64]) -> CameraSensor:
