@@ -394,7 +394,7 @@ def _pillow_header(path: Path, suffix: str) -> tuple[int, int, int]:
 
 
 def _check_pillow(path: Path, suffix: str, pixel_bytes: int) -> None:
-    """Raise ValueError if the file is too small for the number of pixels in its header, or has too many scans."""
+    """Raise ValueError if the file is too small for the pixels in its header, or is a JPEG of too many scans."""
     width, height, channels = _pillow_header(path, suffix)
     check_unfolded(width * height * channels, path.stat().st_size, width * height * pixel_bytes)
     if suffix != ".png":

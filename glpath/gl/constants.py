@@ -25,9 +25,9 @@ DEPTH_BASE = 1.0 / 16
 NUMBER_BITS = 20
 #: Result of a scan of the path-buffer, instead of a triangle's number, if the ray hits nothing beyond its start.
 PATH_MISSED = -1
-#: The same if the path lost the collision in its cell.
+#: Result of a scan of the path-buffer if the path lost the collision in its cell.
 PATH_LOST = -2
-#: The same if the path was not launched.
+#: Result of a scan of the path-buffer if the path was not launched.
 PATH_DEAD = -3
 
 #: Rounding error of a hit point, as a fraction of the ray's length and of the point's coordinates.

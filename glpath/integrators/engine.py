@@ -123,7 +123,10 @@ class Engine(Owner, ABC):
         """Add the counts that an engine's shaders sum together with radiance; by default there are none."""
 
     def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
-        """Return the properties of a sensor that programs and passes are made for."""
+        """Return the properties of a sensor for which programs and passes are made.
+
+        A sensor of equal ones can use them.
+        """
         return (*sensor.kind, None)
 
 

@@ -155,7 +155,7 @@ def split_finite(
 
 @contextmanager
 def polygon_errors_at(location: SourceLocation) -> Iterator[None]:
-    """Turn ValueErrors about polygons into SceneErrors at `location`."""
+    """Context that turns ValueErrors about polygons into SceneErrors at `location`."""
     try:
         yield
     except ValueError as error:

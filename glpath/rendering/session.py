@@ -334,7 +334,8 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         aovs=job.integrator.aovs,
         **_names(job, scene),
         **_position_origin(job, scene),
-        # Known only for the camera for which the solution was made; a gather at points has other errors.
+        # The error is known only for the camera for which the solution was made; a gather at points has other
+        # errors.
         solution_error=plan.solution_error() if isinstance(job.sensor, CameraSensor) else None,
         device="" if context is None else context.info.renderer,
         versions=_versions(context),
