@@ -175,7 +175,7 @@ class _Workspace(NamedTuple):
 
     @classmethod
     def of(cls, items: int, dtype: DTypeLike) -> _Workspace:
-        """Allocate for ranges of `items` items, with boxes of type `dtype`."""
+        """Allocate the working memory for ranges of up to `items` items, with boxes of type `dtype`."""
         return cls(
             np.empty((items + 2, 2), np.int64),
             np.empty((items + 2, 6)),
@@ -272,8 +272,8 @@ def _split(boxes, begin, end, leaf_size, tree, node, work, at):  # type: ignore[
     return left
 
 
-# The functions below take an array and the index of a box instead of the box, because creating an array view takes
-# as long as using it. Boxes may have 32 bits; computations use 64.
+# The functions below take an array and the index of a box, not the box. Creating an array view would take as long
+# as using it. Boxes may have 32 bits; computations use 64.
 
 
 @inner_kernel

@@ -105,7 +105,7 @@ def _min_cost_parts(tree, node_cost, parts, costs):  # type: ignore[no-untyped-d
 def _collapse(tree, parts, pending, children, roots):  # type: ignore[no-untyped-def]
     """Fill children (W, 4) and roots (W,), depth first; return W and `WideBvh.stack`.
 
-    pending : nodes still to process, and the number of groups that a ray has postponed there
+    pending : stack of nodes still to process, each with the number of groups that a ray has postponed at that node
     """
     skip, first, count = tree.skip, tree.first, tree.items
     pending[0, 0], pending[0, 1] = 0, 0

@@ -51,13 +51,14 @@ _LARGEST_PAGE = 4096
 _FILLED = 0.95
 #: Ratio of a density that fits to a density that does not, above which trials end.
 _STEP = 0.985
-#: Minimum side of a packing, as a fraction of the page's side, that ends the trials in a scene with many sides.
+#: Minimum edge length of a packing, as a fraction of the page's, that ends the trials in a scene of many triangle
+#: sides.
 _LARGE_STEP = 0.95
 #: Maximum number of trials for each padding.
 _TRIALS = 30
 #: Safety margin of the next trial, as a fraction of the gap between densities that fit and that do not.
 _SHY = 0.05
-#: Number of triangle sides in a scene above which charts are made once and large parts are cut into patches.
+#: Number of triangle sides in a scene above which charts are made once, and large parts are cut into patches.
 _MANY = 20_000
 #: Number of triangles above which a part is cut into patches in a scene with more than `_MANY` sides.
 _WHOLE = 1024
@@ -346,7 +347,7 @@ def _between(fits: tuple[float, float], over: tuple[float, float], size: int) ->
 
 
 def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list[Charts] | None:
-    """Return each part's charts in units of `_unit`; None for few sides, where each packing makes its own charts.
+    """Return each part's charts in units of `_unit`; None for few sides, for which each packing makes its charts.
 
     texels : approximate texels per scene unit of the later packing; xatlas stretches charts to whole texels
 

@@ -25,7 +25,7 @@ Bools = NDArray[np.bool_]
 _NEAR = 2.0
 #: Height above the surface, in texel sizes, of rays that look for a wall between samples of a texel.
 _ABOVE = 0.1
-#: Number of texels in one batch of rays.
+#: Number of texels whose rays are traced in one batch.
 _TOGETHER = 1 << 16
 
 

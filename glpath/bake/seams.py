@@ -126,7 +126,8 @@ class Seams:
             over = 1.0 / np.maximum(both @ x.mean(axis=1), DARK * mean)
             system = (diags_array(keep) + jump.T @ diags_array(weight * over**2) @ jump).tocsr()
             x, held = _minimise(system, keep[:, None] * before, x, held, near)
-            step = over * np.abs(jump @ x).max(axis=1)  # steps of colours; steps of luminance follow
+            # Maximum of the steps of the colour channels, then also of the step of luminance.
+            step = over * np.abs(jump @ x).max(axis=1)
             light = luminance(x)
             step = np.maximum(step, np.abs(jump @ light) / np.maximum(both @ light, dark))
             if (step <= LIMIT).all():

@@ -400,7 +400,7 @@ class PathBuffer(Owner):
         for view, (u, v) in enumerate(scan.frames):
             low, high = bounds[view, :2], -bounds[view, 2:]
             if not (low <= high).all():
-                continue  # no path uses this view
+                continue  # no path uses this view of the scan
             margin = (high - low) / cells + 1e-5 * self.scene.radius
             planes = np.stack([u, v, -u, -v])
             offsets = np.concatenate([low - margin, -high - margin])

@@ -227,7 +227,7 @@ class FramesToRender:
             held.enter_context(watched(self.run.silence, "The frames before it are written."))
             held.enter_context(without_limit())  # each frame has a time limit of its own
             held.enter_context(warnings.catch_warnings())
-            warnings.filterwarnings("ignore", "There is motion")  # each frame is a still picture of the motion
+            warnings.filterwarnings("ignore", "There is motion")  # not given, because the frames show the motion
             workers = held.enter_context(workers_of(self.run.cluster))
             run = self.run.options(cluster=workers)
             ended_early = self._write(todo, rendering.render_frames(scene, shown, **options, **vars(run)))

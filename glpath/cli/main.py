@@ -228,7 +228,7 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
 
 def run_and_end() -> None:
     """Call `run`, then end the process without Python's shutdown, which takes 0.1 s."""
-    sys.stderr = report_stream(sys.stderr)  # also catches what other packages print
+    sys.stderr = report_stream(sys.stderr)  # because other packages print to it, too
     try:
         run()
     except SystemExit as end:
@@ -236,7 +236,7 @@ def run_and_end() -> None:
         if not isinstance(end.code, int) or not all(thread.daemon for thread in others):
             raise
         if end.code == 0 and not _takes(sys.stdout):
-            raise  # Python prints an error about stdout and sets the exit code
+            raise  # Python then prints an error about stdout and sets the exit code
         _end_with(end.code)
 
 

@@ -145,7 +145,7 @@ def _film_of(
         except Exception as error:
             keep_after_failure(checkpoint, error)
             raise
-    except KeyboardInterrupt:  # came while the render was not handling signals
+    except KeyboardInterrupt:  # Ctrl-C came while the render was not handling signals
         if not films:
             raise
     return films[0], None

@@ -77,7 +77,7 @@ def fuzzy(
             raise UsageError(f"{name}: found {value}, expected a number of at least 0.")
     limits = {"threshold": threshold, "edge": edge, "failpercent": failpercent}
     same = np.array_equal(*matching_pair(picture.mean, reference.mean))
-    if same:  # nearly all images of a test suite are equal; this takes a tenth of the time
+    if same:  # nearly all images of a test suite are equal, and this test takes a tenth of the time
         measured = {"pixels": 0, "percent": 0.0, "worst_levels": 0.0, "worst_at": [0, 0], "max_difference": 0.0}
         return Verdict("fuzzy", True, 0.0, _within(threshold), measured, limits)
     from scipy import ndimage  # late, because the import is slow

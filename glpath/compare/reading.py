@@ -107,7 +107,7 @@ def _by_pillow(data: bytes, name: str) -> Picture:
     with reading(name, "a picture"):
         try:
             image = Image.open(io.BytesIO(data), formats=_FORMATS)
-        except UnidentifiedImageError as error:  # its message only names an object in memory
+        except UnidentifiedImageError as error:  # Pillow's message would only name an object in memory
             why = "it is cut off, or of an unknown format"
             raise ImageError(f"{name}: cannot be read as a picture: {why}.") from error
         frames = getattr(image, "n_frames", 1)

@@ -46,13 +46,13 @@ DEFAULT_ELEMENTS = 2000
 SIDE_RAYS = 128
 #: Default number of rays from each sensor.
 GATHER_RAYS = 1024
-#: Number added to the seed for the rays from sensors, so that they differ from the rays between sides.
+#: Number added to the seed for the rays from sensors, so that they differ from the rays between element sides.
 GATHER_SEED = 1
-#: Number of sample points on a side.
+#: Number of sample points on an element's side.
 POINTS = 4
-#: Maximum number of sides for a dense matrix (144 MB).
+#: Maximum number of element sides for a dense matrix (144 MB).
 DENSE = 6000
-# Maximum number of sides for a matrix of 64-bit floats (32 MB).
+# Maximum number of element sides for a matrix of 64-bit floats (32 MB).
 _DOUBLE = 2000
 # The iteration of a sparse system stops when it changes no column's sum by more than this fraction.
 _CHANGE = 1e-4
@@ -81,7 +81,7 @@ class ReflectingSides:
         self.sides = sides = Sides.of(scene, made)
         self.surfaces = Surfaces.of(scene, rays_of(scene), divisions, from_eye=True)
         number = sides.number(len(made))
-        self._number = number.ravel()  # index of a reflecting side, by 2 * element + back; -1 for other sides
+        self._number = number.ravel()  # index of each reflecting side, by 2 * element + back; -1 for other sides
         occluders = Occluders.of_scene(scene)
         solid = occluders.solid[occluder_of_triangle(occluders.parallelogram)]
         points, _ = Solids.of(scene, solid).open_points(made, sides, POINTS, seed)
@@ -101,7 +101,7 @@ class ReflectingSides:
         return len(self.sides)
 
     def sent_on(self) -> Any:
-        """Return the sparse matrix (R, R) that maps the sides' irradiance to their radiosity."""
+        """Return the sparse matrix (R, R) that maps the irradiance of element sides to their radiosity."""
         from scipy import sparse
 
         count = len(self)
@@ -128,7 +128,7 @@ class ReflectingSides:
         return found.tocsr()
 
     def looked_up(self, hits: Hits, radiosity: Float32) -> Float32:
-        """Return (n, R) radiosity of the sides that rays hit, times the rays' weights.
+        """Return (n, R) radiosity of the element sides that rays hit, times the rays' weights.
 
         It is 0 for a ray that hits no reflecting side.
         """
@@ -139,13 +139,13 @@ class ReflectingSides:
         return np.asarray(np.where(lit, radiosity[np.maximum(number, 0)], 0.0) * hits.weight, np.float32)
 
     def spread(self, hits: Hits, radiosity: Float32) -> Float32:
-        """Return (n,) standard errors of the irradiance that points get from sides with radiosity (R,)."""
+        """Return (n,) standard errors of the irradiance that points get from element sides with radiosity (R,)."""
         light = self.looked_up(hits, radiosity)
         means = light.reshape(len(light), BATCHES, -1).mean(axis=2)
         return np.asarray(means.std(axis=1, ddof=1) / np.sqrt(BATCHES), np.float32)
 
     def between(self, rays: int, seed: int) -> tuple[Any, Float32]:
-        """Trace rays from all sides.
+        """Trace rays from all reflecting element sides.
 
         Returns sparse form factors (R, R), and the sides' irradiance (R,) under a sky and a ground of radiance 1.
         """
@@ -191,7 +191,7 @@ class _Rows:
 
 
 class Reflections:
-    """Linear system that maps direct irradiance of sides to their radiosity, for any number of columns.
+    """Linear system that maps direct irradiance of element sides to their radiosity, for any number of columns.
 
     max_depth : 1: direct light, 2: one reflection, and so on; None: all reflections
 
@@ -257,7 +257,7 @@ def gathered(
     """Return the light that the reflecting sides give to sensors.
 
     direct : direct irradiance (R,) of the sides by sky and sun, column by column
-    count  : number of columns
+    count : number of columns (patches and sun positions)
     report : called with the number of finished sensors
     number : index of the first sensor, from which random numbers are derived
     """

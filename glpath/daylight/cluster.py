@@ -37,7 +37,8 @@ Float64 = NDArray[np.float64]
 
 log = logging.getLogger("glpath")
 
-# Shards per worker: few, because each computes the solution again, but more than one, because machines differ.
+# Number of shards per worker: few, because each shard computes the solution again, but more than one, because
+# machines differ in speed.
 _SHARDS_A_WORKER = 2
 # Maximum number of attempts for a shard.
 _TRIES = 3
@@ -118,7 +119,7 @@ class _Shards:
         self._warned: set[str] = set()  # texts of workers' warnings that were given already
 
     def come(self) -> Iterator[tuple[int, DaylightCoefficients]]:
-        """Yield index and coefficients of each missing shard in order of arrival."""
+        """Yield the index (from 1) and the coefficients of each missing shard, in order of arrival."""
         for number in self._wanted:
             self._submit(number)
         alone_since: float | None = time.monotonic()

@@ -175,7 +175,7 @@ def daylight_coefficients(
         ("seed", seed, 0, 2**63 - 1),
     )
     for name, value, low, high in of_counts:
-        if value is not None:  # None: a default that depends on the scene
+        if value is not None:  # None stands for a default that depends on the scene
             check_count(name, value, low, high)
     is_whole = isinstance(samples, int)
     if not (samples is None or (is_whole and (samples == 1 or (samples % 2 == 0 and 2 <= samples <= MAX_SAMPLES)))):

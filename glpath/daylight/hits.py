@@ -223,7 +223,7 @@ def _to_diffuse(surfaces, o, d, own, w, state, found):  # type: ignore[no-untype
 
 @kernel
 def _cast(shooting, surfaces, side, weight, work):  # type: ignore[no-untyped-def]
-    """Trace the rays of points, and fill the sides that they hit and their weights (n, R); work: (3, 3) scratch."""
+    """Trace the rays of points; fill the element sides hit and the weights (n, R). work: (3, 3) scratch."""
     o, d, found = work[0], work[1], work[2]
     count = side.shape[1]
     for p in range(len(shooting.points)):

@@ -22,7 +22,7 @@ class Indirect:
     """Irradiance of N sensors by reflected light: the matrix product (weights @ radiosity).
 
     weights   : scipy.sparse.csr_array (N, R) float32; the identity if the product itself takes less memory
-    radiosity : (R, C) float32, radiosity of the sides for each column (ground, patches and suns); the product
+    radiosity : (R, C) float32, radiosity of element sides for each column (ground, patches and suns); the product
                 itself if `weights` is the identity
     errors    : (N,) float32, standard errors of the sums over columns of ground and sky, from the sensors' rays
     bias      : bias of the light under a sky and a ground of radiance 1, caused by element size; None if unknown
@@ -34,7 +34,7 @@ class Indirect:
     bias: Bias | None = None
 
     def rows(self, which: NDArray[np.intp], columns: slice) -> Float32:
-        """Return (n, c) float32 irradiance of some sensors for some columns."""
+        """Return (n, c) float32 irradiance of some sensors for some columns (ground, patches or suns)."""
         weights, radiosity = self.weights[which], self.radiosity[:, columns]
         found = np.empty((weights.shape[0], radiosity.shape[1]), np.float32)
         # Multiply in blocks of columns, because the product copies arrays that are not contiguous.

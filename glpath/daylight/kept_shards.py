@@ -1,4 +1,4 @@
-"""Folder with the finished shards of a computation, from which another call resumes."""
+"""Folder with the finished shards (ranges of sensors) of a computation, from which another call resumes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class _ShardFile(CheckpointFile):
 
 
 class KeptShards:
-    """Folder with the finished shards of a computation.
+    """Folder with the finished shards (ranges of sensors) of a computation.
 
     work  : identifier of the computation, as in `Shard`; shards of another computation have a different one
     count : number of shards; if the folder already has shards, the number in their names replaces it
@@ -56,7 +56,7 @@ class KeptShards:
                 )
             number, count = map(int, match.groups())
             self._files[number] = path
-        #: Number of shards of the computation.
+        #: Number of shards into which the computation is divided.
         self.count = count
 
     def read(self) -> dict[int, DaylightCoefficients]:

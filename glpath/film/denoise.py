@@ -185,7 +185,7 @@ def _filtered(
     assert len(shapes) == 1, f"images of shapes {shapes}"
     output = arrays[oidn.OIDN_IMAGE_OUTPUT] = np.empty(shapes.pop(), np.float32)
     with oidn.Device(oidn.OIDN_DEVICE_TYPE_CPU) as device:
-        device.set_bool("setAffinity", False)  # do not bind its threads to cores that other processes may use
+        device.set_bool("setAffinity", False)  # do not bind OIDN's threads to cores that other processes may use
         device.commit()
         with oidn.Filter(device, kind) as made:
             for name, array in arrays.items():

@@ -173,7 +173,7 @@ def auto_exposure(radiance: ArrayLike) -> float:
     if not lit.size:
         return 0.0
     key = float(np.exp(np.mean(np.log(np.maximum(lit, 1e-3 * np.median(lit))))))
-    white = max(float(np.percentile(y, 99)), 1e-300)  # it is 0 if less than 1 % of the pixels are lit
+    white = max(float(np.percentile(y, 99)), 1e-300)  # the percentile is 0 if less than 1 % of the pixels are lit
     wanted, to_white = np.log2(MIDDLE_GREY / key), -np.log2(white)
     return float(np.round(4.0 * max(wanted, min(0.0, to_white))) / 4.0) + 0.0
 
@@ -309,7 +309,8 @@ def layer_channels(name: str) -> list[str]:
     Blender and Cycles. All values up to 2**24 are exact, and readers that support one type of channel accept the
     file.
     """
-    letters = AOV_KINDS[name].letters if name in AOV_KINDS else "RGB"  # such as "denoised"
+    # A layer that is no AOV, such as "denoised", has colours.
+    letters = AOV_KINDS[name].letters if name in AOV_KINDS else "RGB"
     return [f"{name}.{letter}" for letter in letters]
 
 
@@ -417,7 +418,7 @@ def _pillow_header(path: Path, suffix: str) -> tuple[int, int, int]:
 
 
 def _check_pillow(path: Path, suffix: str, pixel_bytes: int) -> None:
-    """Raise ValueError if the file is too small for the number of pixels in its header, or has too many scans."""
+    """Raise ValueError if the file is too small for the pixels in its header, or is a JPEG of too many scans."""
     width, height, channels = _pillow_header(path, suffix)
     check_unfolded(width * height * channels, path.stat().st_size, width * height * pixel_bytes)
     if suffix != ".png":
@@ -425,7 +426,7 @@ def _check_pillow(path: Path, suffix: str, pixel_bytes: int) -> None:
 
 
 def check_scans(data: bytes) -> None:
-    """Raise ValueError for a JPEG with implausibly many scans; data of other formats are accepted.
+    """Raise ValueError for a JPEG with implausibly many scans (passes over the image); other formats are accepted.
 
     Source: ITU-T T.81, annex B.
     """

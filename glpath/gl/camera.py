@@ -74,7 +74,7 @@ def ahead_of(camera: Camera, centre: Float64, radius: float) -> float:
     """Return the distance ahead of a camera at which rays start if objects are in a sphere; 0 for a near camera.
 
     A hit has the rounding error of its distance from the ray's start. From a distant start, in 32 bits, this error
-    is more than scans tolerate.
+    is more than scans of the path-buffer tolerate.
 
     centre, radius : sphere that contains the objects, scene units
     """

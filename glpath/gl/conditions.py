@@ -23,7 +23,7 @@ class Conditions:
 
     @property
     def kept(self) -> bool:
-        """True if the line followed last may be kept."""
+        """True if the preprocessor may keep the line that was followed last."""
         return all(branch is not False for branch, _ in self._branches)
 
     def follow(self, line: str) -> None:

@@ -21,13 +21,13 @@ MIN_NORMAL = np.uint32(0x00800000)
 #: `shaders/path/scan_word.glsl`.
 DEPTH_BASE = 1.0 / 16
 
-#: Number of bits of a path's number in a scan; the bits above hold the scan's epoch.
+#: Number of bits of a path's index in a scan of the path-buffer. The bits above hold the scan's epoch.
 NUMBER_BITS = 20
-#: Result of a scan instead of a triangle's number if the ray hits nothing beyond its start.
+#: Result of a scan of the path-buffer, instead of a triangle's number, if the ray hits nothing beyond its start.
 PATH_MISSED = -1
-#: Result of a scan if the path lost the collision in its cell.
+#: Result of a scan of the path-buffer if the path lost the collision in its cell.
 PATH_LOST = -2
-#: Result of a scan if the path was not launched.
+#: Result of a scan of the path-buffer if the path was not launched.
 PATH_DEAD = -3
 
 #: Rounding error of a hit point, as a fraction of the ray's length and of the point's coordinates.

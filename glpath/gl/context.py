@@ -140,7 +140,7 @@ class Context:
 
     def __exit__(self, *exception: object) -> None:
         if os.getpid() != self.pid:
-            return  # this is a fork that was made within the block
+            return  # this process is a fork that was made within the block
         outermost = self._turns.depth == 1
         try:
             if self._turns.last and not self._destroyed:

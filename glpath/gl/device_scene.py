@@ -237,7 +237,7 @@ class DeviceScene(Owner):
         h.update(self.numbering.shape.astype("<i4").tobytes())
         for shape, stream in scene.shapes.streams:
             h.update(f"{shape} {stream.digest}".encode())
-        if "HAS_ALPHA" in self.defines:  # textures with alpha change shadows
+        if "HAS_ALPHA" in self.defines:  # only then do textures change shadows
             h.update(digest_of(scene.shapes, scene.materials, scene.textures).encode())
         return h.hexdigest()
 

@@ -200,7 +200,10 @@ class GeometryStream(Owner):
         self._read = None
 
     def triangles(self, index: int) -> Float64:
-        """Return (F, 3, 3) float64 corners of the chunk that `on_device` yielded last; read again unless cached."""
+        """Return (F, 3, 3) float64 corners of the chunk that `on_device` yielded last.
+
+        The chunk is read again unless its triangles are cached.
+        """
         if self._read is not None and self._read[0] == index:
             return self._read[1]
         chunk = self.chunks[index]

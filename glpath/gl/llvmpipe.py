@@ -46,7 +46,7 @@ def is_spoken(gl: moderngl.Context) -> bool:
 
 
 def uniform_name(name: str) -> str:
-    """Return the name of a uniform in the shader's file, from the name that the driver reports."""
+    """Return the name that a uniform has in the shader's file, from the name that the driver reports."""
     return name.removesuffix(_IMAGE).removesuffix(_GIVEN)
 
 

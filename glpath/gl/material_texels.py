@@ -145,7 +145,8 @@ def sheen_glsl() -> list[str]:
 def _dielectric(m: Material) -> list[float]:
     normal, grazing = m.dielectric
     if m.specular_colour_texture is not None:
-        normal = grazing * m.dielectric_ratio  # the shader clips it after the texture
+        # The shader clips the reflectance to 1 after it multiplies by the texture.
+        normal = grazing * m.dielectric_ratio
     return [*normal, grazing]
 
 

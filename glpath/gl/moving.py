@@ -1,8 +1,8 @@
 """Moving objects while the shutter is open: their positions on the device at the time of a path set.
 
-A path set has one time [PB 3.3], so scans and rays always see a still scene. Between two sets the vertices, normals
-and planes of moving shapes are written again. The BVH keeps its tree: the boxes of nodes above moving triangles are
-recomputed from the leaves up (refitting). Their grid contains the whole motion.
+A path set has one time [PB 3.3], so scans of the path-buffer and rays always see a still scene. Between two sets
+the vertices, normals and planes of moving shapes are written again. The BVH keeps its tree: the boxes of nodes
+above moving triangles are recomputed from the leaves up (refitting). Their grid contains the whole motion.
 
 Cost:     CPU work for each path set, about proportional to the number of moving triangles.
 Poor at:  objects that end far from their position at the middle of the time, for which the tree is built.

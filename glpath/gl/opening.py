@@ -232,7 +232,7 @@ class _EGLLoader:
 
 def _egl_context(index: int, name: str) -> Any:
     """Create glcontext's EGL context directly, because its wrapper gives environment variables precedence."""
-    from glcontext import egl  # exists only on Linux
+    from glcontext import egl  # late, because it exists only on Linux
 
     gl_library = next(name for name in GL_LIBRARIES if library_loads(name) or name == EGL_LIBRARY)
     settings = {"mode": "standalone", "libgl": gl_library, "libegl": EGL_LIBRARY, "device_index": index}

@@ -30,7 +30,7 @@ def empty_words(gl: moderngl.Context, cells: tuple[int, int]) -> moderngl.Buffer
 
 
 class TriangleList:
-    """List of the triangles that a scan draws.
+    """List of the triangles that are not small, which a scan of the path-buffer draws.
 
     elements : three vertices of each triangle
     command  : indirect command that draws them

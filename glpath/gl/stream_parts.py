@@ -70,7 +70,8 @@ class ChunksInOrder:
         """Yield parts from chunk `first` on, each of at most `room` triangles, or of one chunk."""
         while first < len(self.counts):
             last = first + max(1, int(np.searchsorted(np.cumsum(self.counts[first:]), room, side="right")))
-            yield self._read(first, last)  # not assigned to a name, which would keep it during the next read
+            # The part is not assigned to a name, which would keep it in memory during the next read.
+            yield self._read(first, last)
             first = last
 
     def _read(self, first: int, last: int) -> PartTriangles:

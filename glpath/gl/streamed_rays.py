@@ -137,7 +137,10 @@ class StreamedRays(Owner):
 
 
 def meets(lower: Float64, upper: Float64, directions: Float64) -> NDArray[np.bool_]:
-    """Return (D,) bool: True if the ray from the origin along a direction (D, 3) hits the box of corners (3,)."""
+    """Return (D,) bool: True if the ray from the origin along a direction (D, 3) hits the box.
+
+    lower, upper : (3,) corners of the box
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         near, far = lower / directions, upper / directions
     # A ray parallel to the planes of an axis lies between them either everywhere or nowhere.

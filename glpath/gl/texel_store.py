@@ -41,8 +41,8 @@ class Kind(NamedTuple):
     """Type of a texel's four components."""
 
     dtype: type[np.generic]
-    gl: str  # moderngl's name
-    declare: str  # see shaders/gl/texels.glsl
+    gl: str  # moderngl's name of the component type
+    declare: str  # GLSL macro that declares the texture, see shaders/gl/texels.glsl
     vector: str
 
 

@@ -38,7 +38,7 @@ class Engine(Owner, ABC):
     timings  : True to measure the time of each stage, which takes some time itself
     """
 
-    _sampler: PathSetSampler  # these three are created by `prepare`
+    _sampler: PathSetSampler  # `prepare` creates `_sampler`, `_sums` and `_aovs`
     _sums: PixelSums
     _aovs: EyeAovs | None
 
@@ -123,7 +123,10 @@ class Engine(Owner, ABC):
         """Add the counts that an engine's shaders sum together with radiance; by default there are none."""
 
     def _kind_of(self, sensor: Sensor) -> tuple[object, ...]:
-        """Return the properties of a sensor that programs and passes are made for."""
+        """Return the properties of a sensor for which programs and passes are made.
+
+        A sensor of equal ones can use them.
+        """
         return (*sensor.kind, None)
 
 

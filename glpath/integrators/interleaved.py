@@ -4,7 +4,7 @@ The paths of a set share their directions and a light sample. The error of a set
 and a denoiser takes it for image content. If neighbouring pixels belong to different sets, the error becomes noise,
 which a denoiser removes.
 
-Cost:    each of the four scans the scene, so work per triangle is done four times, work per pixel once.
+Cost:    each of the four engines scans the scene, so work per triangle is done four times, work per pixel once.
 Source:  Keller & Heidrich 2001, Interleaved Sampling.
 """
 

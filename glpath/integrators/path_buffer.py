@@ -80,7 +80,7 @@ class PathBufferTracer(PathBufferStages):
     def _all_ended(self, depth: int) -> bool:
         """Return True if roulette has ended all paths.
 
-        The query stalls the CPU, so it runs only if it can save scans.
+        The query stalls the CPU, so it runs only if it can save scans of the path-buffer.
         """
         return self._plays_roulette(depth) and not self.path_buffer.any_paths()
 

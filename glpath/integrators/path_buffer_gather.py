@@ -66,7 +66,7 @@ class PathBufferGather(PathBufferStages):
             offset=offset,
         )
         self._radiosity = radiosity
-        # If False, all light is looked up, so the light sample's shadows need no scan.
+        # If False, all light is looked up, so no scan of the path-buffer is needed for the light sample's shadows.
         self._lit = settings.direct_light == "traced" or settings.lookup_distance > 0
 
     def _prepare_stages(self) -> None:

@@ -57,8 +57,8 @@ from glpath.sampling.points import (
 )
 from glpath.scene.simplify import density_of, simplified
 
-# Hits of a path from the visible surface are ignored within this distance of its start, in multiples of the
-# simplified surface's deviation from the visible one. It is above 1 because paths may leave at a grazing angle.
+# A path from the visible surface ignores hits within this distance of its start. The unit is the simplified
+# surface's deviation from the visible one. It is above 1 because paths may leave at a grazing angle.
 _SKIPPED = 4.0
 
 _STATE = ("path_position", "path_beta", "path_radiance")

@@ -384,8 +384,8 @@ def _chosen_by_tree(lighting: Lighting) -> bool:
 def _light_edges(lighting: Lighting) -> NDArray[np.float64]:
     """Return (parts + 1,) bounds in [0, 1] that select a light: a part is a light, or an eighth of all lights.
 
-    An environment map is two parts, its suns and the rest, because shadow rays would otherwise go to a sun even
-    where only the rest is visible. The squared error is 0.6 of that with one part; more parts gain little.
+    An environment map is two parts: its suns and the rest. Shadow rays would otherwise go to a sun even where only
+    the rest is visible. The squared error is 0.6 of that with one part; more parts gain little.
     """
     edges = lighting.cdf
     # With portals the environment map is one part: of two samples selected by contribution, the one outside the

@@ -42,7 +42,7 @@ class StartPoints:
     ) -> None:
         self._scene, self._bvh = scene, bvh
         self._of: object = None  # sensor, window and table of the uploaded points
-        self._found = False  # True if their triangles are known
+        self._found = False  # True if the triangles under the uploaded points are known
         self.defines: dict[str, object] = {"START_POINTS": 1}
         names = ["start_positions", "start_normals"]
         if sensor.smooth:

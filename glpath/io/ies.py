@@ -65,7 +65,7 @@ class _Reader:
         self._line = 0  # line of the last number, from 1
         self._numbers: list[tuple[str, int]] = []
         self._next = 0
-        self._has_commas = False  # True if a comma separates two digits
+        self._has_commas = False  # True if the text has a comma between two digits
 
     def profile(self) -> LightProfile:
         tilt = self._tilt()

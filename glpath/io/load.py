@@ -275,7 +275,7 @@ def _other_files(path: Path) -> str:
     return f"Scene files in {path.parent}: {', '.join(nearest)}. `glpath scenes` lists the shipped ones."
 
 
-# --- msgspec's errors in the words of the scene format ---
+# --- Rewording of msgspec's errors in terms of the scene format ---
 
 
 def _explained(error: msgspec.ValidationError, kind: Any, data: Any, location: SourceLocation) -> SceneError:

@@ -253,7 +253,7 @@ class _Reader:
             return {}
         passes = self._colour("tf", 0.0)
         if illum not in _REFRACTS and opacity >= 1 and (not passes.any() or (passes == 1).all()):
-            return {}  # many exporters write such values for opaque surfaces
+            return {}  # opaque, because many exporters write such values for opaque surfaces
         colour = passes if passes.any() else np.ones(3)
         return {
             "reflectance": colour,

@@ -105,7 +105,7 @@ class _Rows:
 
     def append(self, line: int, values: list[str]) -> None:
         if self.kind == "vt" and len(values) == 1:
-            values = [*values, "0"]  # a one-dimensional texture coordinate has no v
+            values = [*values, "0"]  # v is 0, because a one-dimensional texture coordinate has none
         self.texts.append(" ".join(values))
         self.lines.append(line)
         self.widths.add(len(values))

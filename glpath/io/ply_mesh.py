@@ -130,7 +130,7 @@ def read_ply_mesh(content: bytes, header: Header, source: str, *, looks: bool) -
         is_used[triangles.corners] = True
         used = np.flatnonzero(is_used)
         if not finite.all():
-            positions[~finite] = positions[used[0]]  # vertices that no triangle uses
+            positions[~finite] = positions[used[0]]  # finite placeholders for vertices that no triangle uses
     else:
         used = vertex_of = vertex_of[finite]
     vertex_colours = of_vertices

@@ -158,7 +158,7 @@ def split_finite(
 
 @contextmanager
 def polygon_errors_at(location: SourceLocation) -> Iterator[None]:
-    """Turn ValueErrors about polygons into SceneErrors at `location`."""
+    """Context that turns ValueErrors about polygons into SceneErrors at `location`."""
     try:
         yield
     except ValueError as error:
@@ -219,7 +219,8 @@ def _are_fans(rings: Float64) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     size = _dot(normal, normal)
     ahead = (_dot(doubled, normal[:, None]) > _NO_AREA * size[:, None]).all(axis=1)
     cosines = _dot(spokes[:, :-1], spokes[:, 1:])
-    angles = np.arctan2(np.linalg.norm(doubled, axis=2), cosines).sum(axis=1)  # below a full turn if simple
+    # Angles at the first corner; their sum is below a full turn for a ring that does not cross itself.
+    angles = np.arctan2(np.linalg.norm(doubled, axis=2), cosines).sum(axis=1)
     crossed = _areas_cancel(doubled, spokes)
     has_no_area = _are_lines(doubled, spokes) | ~(size > 0) | ~np.isfinite(size)
     return np.asarray(ahead & (angles < 2 * np.pi) | crossed | has_no_area), crossed

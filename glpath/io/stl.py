@@ -83,7 +83,7 @@ def _whole_rows(content: bytes, count: int, source: str) -> NDArray[Any]:
     whole, rest = divmod(len(content) - _HEADER, _FACET.itemsize)
     rows = np.frombuffer(content, _FACET, whole, _HEADER)
     read = whole if count == 0 else min(count, whole)
-    if read < whole and not rest:  # bytes behind are either uncounted facets or other data
+    if read < whole and not rest:  # the bytes behind the counted facets are further facets or other data
         bounds = np.abs(rows["corners"][:read]).max(initial=0.0)
         if np.all(np.abs(rows["corners"][read:]) <= _MAX_GROWTH * bounds):
             read = whole
@@ -112,7 +112,7 @@ def _rows_with_payload(content: bytes, count: int, source: str) -> NDArray[Any] 
     stored = np.frombuffer(content, np.uint8)
     bytes_of_rows = stored[np.array(starts)[:, None] + np.arange(_FACET.itemsize)]
     rows = bytes_of_rows.view(_FACET)[:, 0]
-    rows["attribute"] = 0  # they were byte counts, not colours
+    rows["attribute"] = 0  # the 16-bit words were byte counts, not colours
     return rows
 
 

@@ -84,7 +84,7 @@ def evidence_for_z(scene: Scene, lying: bool) -> str | None:
     if not high > _PLANE * max(wide, deep) or not min(wide, deep) > 0:
         return None
     of_y, of_z = _faces(scene, lower, upper)
-    sheet = of_z.base >= _WHOLE and of_y.base < _OTHER and of_z.top < _GROUND  # with its front downwards
+    sheet = of_z.base >= _WHOLE and of_y.base < _OTHER and of_z.top < _GROUND  # a sheet whose front faces downwards
     is_low = high <= min(wide, deep)
     if is_low and of_y.ground < _OTHER and (of_z.ground >= _GROUND or sheet):
         return f"a ground at z = {lower[2]:.4g} lies below all else"

@@ -305,7 +305,7 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
     times = _of_one_year(begin)
     steps = np.diff(times).astype(np.int64)
     new_year = np.flatnonzero(steps <= 0)
-    if len(new_year) == 1 and times[-1] < times[0]:  # the year may start in July or any other month
+    if len(new_year) == 1 and times[-1] < times[0]:  # hours are rotated, because the year may start in any month
         order = np.roll(np.arange(len(times)), -int(new_year[0]) - 1)
         table, times = table.iloc[order], times[order]
         steps = np.diff(times).astype(np.int64)

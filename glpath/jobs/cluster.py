@@ -295,7 +295,7 @@ class _Render:
 
     def _take_one(self, chunks: Chunks, future: Any, found: Part | Exception | None, took: float) -> None:
         task = self._running.pop(future, None)
-        if task is None:  # another copy was first, or the worker was given up
+        if task is None:  # another copy of the chunk came first, or its worker was given up
             return
         heartbeat.beat()
         if found is None:
@@ -344,8 +344,8 @@ class _Render:
         with contextlib.suppress(Exception):
             error = future.exception(timeout=_GATHER_S)
         if isinstance(error, GlpathError) and not isinstance(error, ContextError):
-            raise error  # it would fail on all workers
-        if type(error).__name__ == "KilledWorker":  # its long text only describes Dask
+            raise error  # the chunk would fail on all workers
+        if type(error).__name__ == "KilledWorker":  # the error's long text would only describe Dask
             error = None
         if error is None:
             self._dead[task.worker] = time.monotonic()
@@ -355,7 +355,7 @@ class _Render:
     def _look_around(self, chunks: Chunks) -> None:
         """Update the list of workers, and hand out the chunks of lost workers again."""
         if not self.cluster.connected:
-            return  # a call would wait for Dask's long timeout
+            return  # because a call would wait for Dask's long timeout
         try:
             recent = time.monotonic() - _SHUN_S
             self._workers = [w for w in self.cluster.workers() if self._dead.get(w, -math.inf) < recent]

@@ -99,7 +99,7 @@ class Connection:
         now = time.monotonic()
         if self._lost_at is None:
             self._lost_at = now
-            self._quiet.enter_context(quiet())  # Dask logs a traceback for each attempt
+            self._quiet.enter_context(quiet())  # because Dask logs a traceback for each attempt
         if now - self._lost_at >= _LOST_S or self.client.status == "closed":
             raise self._gone("the connection broke")
 

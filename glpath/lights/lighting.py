@@ -85,7 +85,7 @@ class Lighting:
         sides = _emitting_sides(scene)
         shining = tuple(x for x in scene.lights if _shines(x)) if punctual else ()
         shown = scene.sky if sky and scene.sky is not None and scene.sky.mean_integral > 0 else None
-        # Power over pi; the mean of the channels, so that no coloured light is undersampled.
+        # Power divided by pi, as the mean of the channels, so that no coloured light is undersampled.
         power = [side.area * side.radiance.mean() for side in sides]
         power += [_power(light, scene, centre, radius) for light in shining]
         power += [] if shown is None else [shown.mean_integral * radius**2]

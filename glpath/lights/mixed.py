@@ -1,4 +1,4 @@
-"""Light of many different punctual lights at many points, as `samples.incident` for a single light."""
+"""Light of many different punctual lights at many points; `samples.incident` is the version for a single light."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def view(
     chosen = integrator or _integrator(loaded)
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     if integrator is None and chosen == "path":
-        given = {"guide": "cosine"} | given  # no radiosity solution, which would delay the first image
+        given = {"guide": "cosine"} | given  # no guide, because its radiosity solution would delay the first image
     if chosen in ("t-buffer", "classic") and "shadows" not in given:
         given = {"shadows": "cube", "shadow_resolution": 512} | given
     job, loaded = describe(loaded, integrator=chosen, spp=spp, resolution=resolution, **given)
@@ -279,14 +279,14 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # ipywidgets has no type ann
             path = _unused(self._home.name)
             film.save(path, exposure=self.exposure, tonemap=self._tonemap)
             self._message.value = message_html(f"Saved {path}: {film.path_sets} of {self.spp} path sets.")
-            self._redraw()  # the saved image is then displayed
+            self._redraw()  # so that the page shows the saved image
 
     # Drawing.
 
     def _redraw(self) -> None:
         """Request a frame, in the event loop that receives browser events."""
         if self._loop is None:
-            return  # no browser shows the widget yet, because that sends the first event
+            return  # no browser shows the widget yet; its first event sets `_loop`
         with suppress(RuntimeError):  # the loop is closed, because the page was reloaded
             self._loop.call_soon_threadsafe(self._canvas.request_draw)
 

@@ -48,9 +48,9 @@ _MARKED = ("mode", "limits", "baseline_path", "ignore", "style", "backend", "sav
 
 # Header key of the PNG beside an EXR.
 PREVIEW = "glpath.preview"
-# Header key of a baseline's test.
+# Key under which a baseline's header names its test.
 _TEST = "glpath.test"
-# Header key of a baseline's image name.
+# Key under which a baseline's header stores the image's name.
 _NAME = "glpath.picture"
 
 

@@ -64,6 +64,6 @@ def _embedded(files: Mapping[str, str]) -> dict[str, str]:
         try:
             data = Path(path).read_bytes()
         except OSError:
-            continue  # may be on another machine's worker; the report shows the available images
+            continue  # the file may be on a worker's machine; the report shows the available images
         found[kind] = f"data:image/png;base64,{base64.b64encode(data).decode('ascii')}"
     return found

@@ -80,7 +80,7 @@ def _primitives(
         if emits:
             radiance = radiance + emission
         colour = np.clip(radiance * 2.0**exposure, 0.0, 1.0).astype(np.float32)
-        if found:  # the front has triangles too, so those of the back lie slightly behind them
+        if found:  # if the front has triangles too, those of the back lie slightly behind them
             behind_it = points - behind(scene) * scene.normals[triangle]
             position = file.add_array(behind_it.astype(np.float32), bounds=True)
         corners = faces[:, ::-1] if back else faces

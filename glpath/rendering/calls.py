@@ -233,7 +233,7 @@ def render_frames(
                     window=(0, 0, *shown.camera.resolution),
                 )
                 if workers is None and (session is None or not session.follows(job, shown)):
-                    until_done.close()  # data on the device are useless for another scene
+                    until_done.close()  # frees the old session's data on the device, which this job cannot use
                     session = until_done.enter_context(Session(job, shown, run_options))
                 if session is not None:
                     film = session.render(job, shown, reported)

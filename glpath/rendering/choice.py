@@ -63,7 +63,7 @@ def chosen(
     if kind in (PathSettings, PathBufferSettings) and "max_depth" not in given and _has_ambient(scene):
         given = {**given, "max_depth": _DEPTH_WITH_AMBIENT}
     if kind is GatherSettings and scene.shapes.streams and "cast" not in given:
-        given = {**given, "cast": "path-buffer"}  # a BVH excludes streamed triangles
+        given = {**given, "cast": "path-buffer"}  # the default, a BVH, cannot contain streamed triangles
     settings = settings_of(name, given).completed(solvable)
     if integrator == AUTO and isinstance(settings, GatherSettings) and settings.cast == "bvh":
         return replace(settings, or_path=PathSettings in _owners(given))

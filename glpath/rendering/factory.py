@@ -556,7 +556,7 @@ class _Gathering(Plan):
     ) -> tuple[PathSetEngine, PathSetEngine] | None:
         solution = self.solution
         if solution is None or self.proxies is not None:
-            return None  # a BVH excludes streamed triangles
+            return None  # the probe's BVH cannot contain streamed triangles
         width, height = sensor.resolution
         gather = GatherSettings(
             lookup_depth=self.settings.lookup_depth,

@@ -46,7 +46,7 @@ def trace(engine: Engine, context: Context, tiles: list[Tile], clock: Clock, pat
             clock.finish(engine, INTERRUPTED_RULE)
             raise RenderInterrupted(clock.film, interrupted.signal) from None
         clock.finish(engine, rule)
-    if interrupted:  # set after the last step, which the loop did not check
+    if interrupted:  # the flag was set after the loop's last check of it
         raise RenderInterrupted(clock.film, interrupted.signal)
 
 

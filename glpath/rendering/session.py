@@ -58,7 +58,7 @@ class Session:
     ) -> None:
         self._job = job
         self._plan = checked_plan(job, scene) if plan is None else plan
-        self._checks_bias = plan is None  # a given plan was checked before
+        self._checks_bias = plan is None  # the bias of a given plan was checked before
         self._probe: BiasProbe | None = None
         self._traced = self._plan.traceable(scene)
         self._engine: Engine | None = None
@@ -116,7 +116,8 @@ class Session:
         began = time.perf_counter()
         if self._engine is None:
             clock.report("compiling shaders")
-            # A side is at most half of the largest texture, because the two views of a scan lie side by side.
+            # A side is at most half of the largest texture, because the two views of a path-buffer's scan lie side
+            # by side.
             self._tiles = cover(job.window, self._context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
             with self._context as context:
                 sensor = sensor_in(self._traced, job.sensor, scene)
@@ -333,7 +334,8 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         aovs=job.integrator.aovs,
         **_names(job, scene),
         **_position_origin(job, scene),
-        # Known only for the camera for which the solution was made; a gather at points has other errors.
+        # The error is known only for the camera for which the solution was made; a gather at points has other
+        # errors.
         solution_error=plan.solution_error() if isinstance(job.sensor, CameraSensor) else None,
         device="" if context is None else context.info.renderer,
         versions=_versions(context),
@@ -358,7 +360,7 @@ def _names(job: RenderJob, scene: Scene) -> dict[str, Any]:
 
 
 def _position_origin(job: RenderJob, scene: Scene) -> dict[str, Any]:
-    """Return the origin of positions in the film if it is not the world's origin."""
+    """Return the film's field `position_origin`; empty if its positions are relative to the world's origin."""
     if "position" not in job.integrator.aovs or not scene.centred.origin.any():
         return {}
     return {"position_origin": tuple(scene.centred.origin.tolist())}

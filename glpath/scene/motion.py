@@ -33,11 +33,14 @@ class Motion:
     placed: Float64
 
     def at(self, time: float) -> Float64:
-        """Return the (N, 3, 4) float64 maps from object to world at a time in seconds."""
+        """Return the (N, 3, 4) float64 affine maps from object to world at a time in seconds."""
         return followed_by(self.placed, self.map_at(time))
 
     def map_at(self, time: float) -> Float64:
-        """Return the (3, 4) float64 moving map, common to all instances, at a time in seconds."""
+        """Return the (3, 4) float64 affine map of the motion at a time in seconds; all instances share it.
+
+        Before the first key it is that of the first key, after the last key that of the last.
+        """
         last = len(self.times) - 1
         i = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, max(last - 1, 0)))
         if last == 0 or time <= self.times[0]:

@@ -184,7 +184,7 @@ def _found(scene: Scene, view: _View) -> NDArray[np.int64]:
     sides, volumes = _triangle_planes(scene.triangles - view.eye)
     appearance = Appearance(scene)
     if appearance.varies("opacity").any():
-        windows[: len(scene.triangles)][appearance.mean_opacity() < 0.5] = 0  # skip transparent ones
+        windows[: len(scene.triangles)][appearance.mean_opacity() < 0.5] = 0  # skip mostly clear ones
     across, down = windows[:, 1] - windows[:, 0], windows[:, 3] - windows[:, 2]
     seen, small = (across > 0) & (down > 0), (across <= _SMALL) & (down <= _SMALL)
     _take_small(scene, sides, volumes, unit_from_world, view, windows, np.flatnonzero(seen & small), found)

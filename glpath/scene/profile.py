@@ -79,7 +79,10 @@ class LightProfile:
         return self.at(np.degrees(np.arctan2(y, x)), gamma)
 
     def at(self, c: Float64, gamma: Float64) -> Float64:
-        """Return (N,) float64 intensities at angles (N,) in degrees."""
+        """Return (N,) float64 intensities in cd at angles (N,) in degrees.
+
+        They are 0 for gamma outside the range of the profile. c may have any value.
+        """
         rows, columns = self.candela.shape
         row = np.mod(c, 360.0) * (rows / 360.0)
         column = np.clip((gamma - self.gamma[0]) / self.step, 0.0, columns - 1.0)

@@ -72,7 +72,7 @@ def _tessellated(shape: Shape, textured: bool, location: SourceLocation) -> Shap
         # its front outside.
         mesh, matrices = mesh.turned(), turned(matrices)
         if mesh.uv is not None:
-            mesh = replace(mesh, uv=mesh.uv * [-1.0, 1.0])  # longitude is reversed too
+            mesh = replace(mesh, uv=mesh.uv * [-1.0, 1.0])  # mirroring reverses the longitude, too
     instances = replace(shape, geometry=mesh, world_from_object=matrices, kind="mesh")
     alone = Shapes((instances,))
     if not any(without_area(part).any() for part in alone.triangles_of(0)):

@@ -91,7 +91,10 @@ class CameraSensor:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """Properties that an engine is built for: projection, lens, motion. Equal ones allow its reuse."""
+        """Properties that an engine is built for: projection, lens, motion.
+
+        A sensor of equal properties can reuse the engine.
+        """
         return (self.projection, self.aperture_radius > 0, self.camera.moves)
 
     def moved(self, origin: NDArray[np.float64]) -> CameraSensor:
@@ -366,7 +369,7 @@ def _directions(name: str, given: ArrayLike, positions: Float32, valid: NDArray[
     if array.shape[1:] != positions.shape[1:] or array.shape[0] not in (1, positions.shape[0]):
         raise UsageError(f"points: {name} of shape {array.shape} do not go with positions of {positions.shape}.")
     unit = np.empty(array.shape, np.float32)
-    for found, table in zip(unit, array, strict=True):  # one at a time, because there may be many tables
+    for found, table in zip(unit, array, strict=True):  # one table at a time, because there may be many
         length = np.linalg.norm(table.astype(np.float64), axis=-1)
         # Do not test for any length that differs by more: a NaN would pass that test.
         if not (np.abs(length - 1.0) <= _UNIT)[valid].all():

@@ -36,7 +36,7 @@ def without_lines(*beginnings: str) -> Iterator[None]:
     finally:
         rest = [line for line in printed.getvalue().splitlines(True) if not line.startswith(beginnings)]
         if rest and sys.stdout is not None:
-            with contextlib.suppress(OSError, ValueError):  # full or closed; reports never end the work
+            with contextlib.suppress(OSError, ValueError):  # stdout is full or closed; it must not end the work
                 sys.stdout.write("".join(rest))
 
 
@@ -47,7 +47,7 @@ def _files_held(beginnings: tuple[str, ...]) -> Iterator[None]:
         try:
             held = stack.enter_context(tempfile.TemporaryFile())
             before = {number: os.dup(number) for number in (_STDOUT, _STDERR)}
-        except OSError:  # closed, or no temporary file; then nothing is filtered
+        except OSError:  # a descriptor is closed, or no temporary file can be made: filter nothing
             yield
             return
         for number in before:
@@ -68,7 +68,7 @@ def _files_held(beginnings: tuple[str, ...]) -> Iterator[None]:
 
 def _flush() -> None:
     for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(Exception):  # closed, or not a file
+        with contextlib.suppress(Exception):  # the stream may be closed, or no file
             stream.flush()
     with contextlib.suppress(OSError, AttributeError, TypeError):  # Windows cannot load a library without a name
         ctypes.CDLL(None).fflush(None)

@@ -180,7 +180,7 @@ def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
         raise OSError(errno.EBADF, "it is closed")
     try:
         descriptor = stream.fileno()
-    except OSError:  # a Python object without a descriptor
+    except OSError:  # `sys.stdin` is a Python object without a descriptor
         return _within(stream.read(limit + 1), limit)
     if os.isatty(descriptor):
         return _within(stream.read(), limit)
@@ -255,7 +255,7 @@ def _check_holes(descriptor: int, size: int) -> None:
         try:
             start = os.lseek(descriptor, start, os.SEEK_DATA)
             stop = os.lseek(descriptor, start, os.SEEK_HOLE)
-        except OSError:  # no more data
+        except OSError:  # the rest of the file is a hole
             break
         data, start = data + stop - start, stop
         if data * _HOLES_RATIO >= size:
@@ -508,7 +508,7 @@ def save_all(
         try:
             saves[path](path)
             written.append(path)
-        except Exception as error:  # also errors of our own, which must not lose the other outputs
+        except Exception as error:  # any error, even a bug of ours, must not lose the other outputs
             failures[path] = error
     if not failures:
         return written, None

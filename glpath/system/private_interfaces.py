@@ -106,7 +106,7 @@ def _module(package: str, name: str) -> Any:
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        if error.name == package:  # not installed; the caller reports how to install it
+        if error.name == package:  # the package is not installed; the caller reports how to install it
             raise
         raise _changed(package, f"module {name}") from error
 

@@ -30,7 +30,7 @@ def pipe_of(stream: IO[str] | None) -> int | None:
     """Return the descriptor of a text stream that is a pipe or socket; None if it is anything else."""
     if not isinstance(stream, io.TextIOWrapper):  # other streams may send text elsewhere, as a notebook's does
         return None
-    with contextlib.suppress(OSError, ValueError):  # closed, or not a file
+    with contextlib.suppress(OSError, ValueError):  # the stream may be closed, or no file
         descriptor = stream.fileno()
         if _is_pipe(descriptor):
             return descriptor
@@ -57,7 +57,7 @@ def _is_read(descriptor: int) -> bool:
     pipe = select.poll()
     pipe.register(descriptor, select.POLLOUT)
     patience = 0.0 if descriptor in _unread else _PATIENCE
-    _unread.add(descriptor)  # before the wait, because a signal may end it
+    _unread.add(descriptor)  # recorded before the wait, because a signal may end the wait
     if not pipe.poll(1000 * patience):
         return False
     _unread.discard(descriptor)

@@ -107,7 +107,7 @@ class ReportStream:
         """Return True if the stream is a terminal."""
         try:
             return self._stream is not None and self._stream.isatty()
-        except ValueError:  # closed
+        except ValueError:  # the stream is closed
             return False
 
 

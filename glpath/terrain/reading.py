@@ -390,7 +390,7 @@ def _check_las(file: BinaryIO, total: int) -> None:
         check_unfolded(points * length, stored, points * (length + _DECODED_POINT))
         file.seek(points_at)
         (table_at,) = struct.unpack("<q", file.read(8))
-        if table_at == -1:  # file written into a pipe, with the offset at its end
+        if table_at == -1:  # a file that was written into a pipe has the offset at its end
             file.seek(total - 8)
             (table_at,) = struct.unpack("<q", file.read(8))
         if not points_at <= table_at <= total - 8:
@@ -399,7 +399,7 @@ def _check_las(file: BinaryIO, total: int) -> None:
         _, chunks = struct.unpack("<II", file.read(8))
         if chunks > stored:
             raise ValueError(f"{chunks:,} chunks do not fit in {total:,} bytes")
-        if form in _LAS_LAYERS:  # sizes of layers follow the first point and the count of a chunk
+        if form in _LAS_LAYERS:  # a chunk has its first point, its point count, then its layers' sizes
             layers, plain = _LAS_LAYERS[form]
             file.seek(points_at + 8 + length + 4)
             sizes = np.frombuffer(file.read(4 * (layers + max(0, length - plain))), "<u4")

@@ -203,7 +203,7 @@ vec3 thin_transmittance(int triangle, vec3 origin, vec3 ray)
 #else
     Bsdf b = bsdf_of(s, front, vec3(1.0), vec2(1.0), 1.0);
 #endif
-    see_coat_along(b, s, front, wo);  // the surface is smooth and needs no energy compensation
+    see_coat_along(b, s, front, wo);  // suffices, because a smooth surface needs no energy compensation
     float cosine = dot(shading_normal(s, front, wo), wo);
     if (b.eta > THIN_DIELECTRIC) return vec3(0.0);
     return glass_transmittance(b, cosine) * under_layers(b, cosine);

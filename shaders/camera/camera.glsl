@@ -17,7 +17,7 @@ uniform ivec2 eye_corner;  // lower left corner of the window in the image, pixe
 uniform ivec2 eye_size;    // size of the window, pixels
 
 #ifdef EYE_LENS
-uniform uvec2 lens_point;  // point of the path set, in units of 2^-32
+uniform uvec2 lens_point;  // lens point of the path set, in units of 2^-32
 uniform uint lens_seed;    // seed of the shifts by which pixels move the lens point
 uniform vec2 lens;         // x: radius of the lens; y: 1 / focus distance
 

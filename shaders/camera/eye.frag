@@ -1,4 +1,4 @@
-// eye.frag: writes the triangle that the eye sees; its number + 1, 0 for none.
+// eye.frag: writes the number + 1 of the triangle that the eye sees; 0 for none.
 // Depth is linear, because the near plane is so near that a perspective depth would have no precision left. For a
 // distant eye the near plane is near the scene, and perspective depth is kept.
 #include "gl/texels.glsl"

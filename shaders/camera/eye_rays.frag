@@ -1,4 +1,4 @@
-// eye_rays.frag: writes the triangle that the eye sees, by rays; its number + 1, 0 for none.
+// eye_rays.frag: casts the eye's rays, and writes the number + 1 of the triangle that each ray hits; 0 for none.
 // Needs:  <SCENE>, <RAY_BVH>
 // Runs over: the pixels of the window. Frame: world
 #include "gl/texels.glsl"

@@ -1,4 +1,4 @@
-// start_points.frag: writes the triangle that each point lies on; its number + 1, 0 for none.
+// start_points.frag: writes the number + 1 of the triangle that each point lies on; 0 for none.
 // Needs:  <SCENE>, <RAY_BVH>
 // Runs over: the points of the window. Frame: world
 #include "gl/texels.glsl"

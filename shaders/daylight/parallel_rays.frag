@@ -82,7 +82,7 @@ bool sees_out(vec3 origin, vec3 direction, inout int occluder)
 }
 
 #ifdef ASKED
-UINT_TEXELS(r32ui, asked_words);  // format of the output
+UINT_TEXELS(r32ui, asked_words);  // words so far, in the format of the output
 
 void main()
 {

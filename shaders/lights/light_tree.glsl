@@ -3,7 +3,7 @@
 // Needs:  <LIGHT_DRAWS>, from light_draw.glsl; constants.glsl
 // Frame:  world.
 
-// Returns the cosine of the difference of two angles, a - b, or of 0 if b is larger than a; sine: sine of the same
+// Returns the cosine of the angle a - b, or 1, the cosine of 0, if b is larger than a; sine: sine of the same
 // angle.
 float cosine_less(float cos_a, float sin_a, float cos_b, float sin_b, out float sine)
 {

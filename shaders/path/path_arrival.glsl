@@ -23,7 +23,7 @@ struct Arrival
     vec3 position;
     vec4 plane;       // plane of the triangle
     Surface surface;
-    bool front;       // true if the path arrives on its front
+    bool front;       // true if the path arrives on the triangle's front
     float t;          // distance from the previous vertex
     vec3 wo;          // unit direction back along the path
     vec3 throughput;  // throughput before the reflection at this vertex

@@ -19,7 +19,7 @@ float unit(uint bits)
 struct PathId
 {
     uint path;
-    int depth;   // index of the vertex
+    int depth;   // index of the vertex along its branch
     int branch;
 };
 

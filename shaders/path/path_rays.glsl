@@ -54,7 +54,7 @@ const int MIRRORS = 1024;
 #endif
 
 #ifdef CONTROL_VARIATE
-uniform int lookup_depth;         // diffuse bounces before the first vertex at which the solution may replace the path
+uniform int lookup_depth;         // number of diffuse bounces before the first possible look-up of the solution
 // Radical inverse of the path set's index; decides which paths continue at their first look-up.
 uniform float correction_number;
 const float FIRST_CHANCE = 0.5;   // probability that a path continues at its first look-up
@@ -495,7 +495,7 @@ float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numb
         path.pdf = leaving.pdf;
         path.was_diffuse = false;
 #ifdef CONTROL_VARIATE
-        path.emission = 1.0;  // a thin dielectric leaves the factor of the previous vertex in force
+        path.emission = 1.0;  // set only here, because a thin dielectric keeps the factor of the previous vertex
 #endif
 #if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
         path.straight = false;

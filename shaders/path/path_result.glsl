@@ -35,7 +35,7 @@ int path_result(ivec2 path, out float weight)
 #endif
 }
 
-// Event count of a scan for a launched path, in the format of accumulate.glsl: one ray cast, and one lost ray if
+// Events that a scan adds for a launched path, in the format of accumulate.glsl: one ray cast, and one lost ray if
 // the path lost its slot.
 float scan_events(int found)
 {

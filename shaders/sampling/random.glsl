@@ -7,8 +7,8 @@ const uint USE_COSINE = 1u;
 const uint USE_ROULETTE = 2u;
 const uint USE_LIGHT = 3u;
 const uint USE_LOOKUP = 4u;
-const uint USE_OPACITY = 5u;         // opacity of the path's next hit
-const uint USE_SHADOW_OPACITY = 6u;  // opacity of surfaces between a vertex and its light
+const uint USE_OPACITY = 5u;         // numbers for the opacity test of the path's next hit
+const uint USE_SHADOW_OPACITY = 6u;  // numbers for the opacity tests between a vertex and its light
 const uint USE_LOBE = 7u;
 
 uint pcg(uint v)

@@ -14,7 +14,7 @@ struct SeenRectangle
     vec3 x, y, normal;   // unit vectors along the edges, and out of the front side
     vec2 low, high;      // corners along x and y, relative to the position's projection
     float height;        // height of the position above the rectangle's plane
-    float first;         // angle at which `towards_rectangle` begins
+    float first;         // angle for u.x = 0 in towards_rectangle(), radians
     float solid_angle;   // solid angle, sr; 0 if the position is behind
 };
 

@@ -7,7 +7,7 @@
 struct Placing
 {
     int first;  // offset to subtract from a hit's number, which gives the triangle's index in <SCENE>
-    int shape;  // -1 for the triangle's own shape
+    int shape;  // index of the instance's shape; -1: the shape is that of the triangle
     vec4 x;     // first row of the affine transform world_from_mesh; y and z are the other rows
     vec4 y;
     vec4 z;

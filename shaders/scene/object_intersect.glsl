@@ -47,7 +47,7 @@ float sphere_hit(vec4 from, float radius, vec3 direction, float tmin)
 struct UnitSpace
 {
     mat3 rows;  // rows of unit_from_world, stored as columns
-    vec4 from;  // sphere_from() for the unit sphere
+    vec4 from;  // result of sphere_from() in the space of the unit sphere
 };
 
 vec3 to_unit(mat3 rows, vec3 v)

@@ -2,9 +2,9 @@
 // below the cutoff. A blended surface is hit at random with a probability equal to its opacity, so that surfaces
 // need no sorting by depth (Enderton et al. 2010, Stochastic Transparency). All of this is for scenes with opacity
 // (HAS_ALPHA).
-// A surface with a culled back (`Material.culled`) lets a ray through if the ray hits the back when it is followed
-// from the eye to the light. Shadow rays are followed in this direction, too, so culled backs cast no shadow on
-// surfaces behind them.
+// A surface with a culled back (`Material.culled`) lets a ray through if the ray, followed from the eye to the
+// light, hits the back. Shadow rays are followed in this direction, too, so culled backs cast no shadow on surfaces
+// behind them.
 // Needs:  <SCENE>; HAS_TEXTURES, HAS_VERTEX_COLOURS, HAS_CULLING
 #include "sampling/random.glsl"
 #include "scene/instances.glsl"
@@ -14,7 +14,7 @@
 
 #ifdef HAS_ALPHA
 uniform uint opacity_seed;  // seed of a render, or of one light of a path set; hashed on the CPU
-uniform uint opacity_set;   // number of the path set
+uniform uint opacity_set;   // index of the path set
 // Key of a ray's random numbers, set before the ray is cast. Each surface that the ray hits adds a key of its own.
 uint opacity_key = 0u;
 // Sequence point of the path set, for rays that every set casts through the same pixel. It is permuted by the keys

@@ -7,7 +7,7 @@
 const int RECORD_CORNER_A = 0;  // w: index of the shape
 const int RECORD_CORNER_B = 1;
 const int RECORD_CORNER_C = 2;
-const int RECORD_PLANE = 3;     // format of FACET_PLANE
+const int RECORD_PLANE = 3;     // plane of the triangle, in the format of FACET_PLANE
 const int RECORD_TEXELS = 4;
 
 ivec2 record_texel(ivec2 texel_of_buffer, int which)

@@ -4,7 +4,7 @@
 
 uniform int face;
 
-layout(location = 0) out vec4 found;      // column, row, face, distance in cells from the cell's centre
+layout(location = 0) out vec4 found;      // cell found: column, row, face; w: distance from its centre, cells
 layout(location = 1) out vec4 direction;  // unit direction
 
 void main()

@@ -26,7 +26,7 @@ flat in vec4 plane;
 flat in vec4 plane;
 #endif
 
-layout(location = 0) out uvec4 entry;  // format of point_shadow.glsl
+layout(location = 0) out uvec4 entry;  // entry in the format of point_shadow.glsl
 
 // Returns the distance at which the ray along d hits the object beyond tmin.
 float meet(vec3 d, float tmin)

@@ -11,7 +11,7 @@ uniform int first;  // index of the first primitive of this kind
 uniform int square_side;
 // For each square: x: item; y: index of the square | number of squares across << 20; see buffers/t_buffer.py.
 uniform usampler2D squares;
-flat out ivec4 own_pixels;   // first and last pixel of the square, so that no ray is shot twice
+flat out ivec4 own_pixels;   // first and last pixel of the square; others are discarded
 #endif
 
 flat out int primitive;
@@ -89,7 +89,7 @@ vec4 triangle_corner(int item, int corner, ivec2 low, ivec2 high)
     vec3 edges = vec3(
         length(cross(a, b - a).xy * c.z), length(cross(b, c - b).xy * a.z), length(cross(c, a - c).xy * b.z));
     float max_edge = max(edges.x, max(edges.y, edges.z)), rounding = 1e-6 * length(a) * length(b - a) * length(c - a);
-    bool wide = abs(volume) > 0.1 * max_edge + rounding;  // its smallest altitude exceeds 0.1 pixels
+    bool wide = abs(volume) > 0.1 * max_edge + rounding;  // the triangle's smallest altitude exceeds 0.1 pixels
     return wide ? moved : around_rectangle(corner, low, high);
 }
 #endif

@@ -159,7 +159,9 @@ def test_a_large_integer_is_described_by_its_digits() -> None:
 
 
 @pytest.mark.parametrize(
-    "nested", [[[HUGE]], {"a": [{"b": (1, HUGE)}]}, {HUGE: 1}, np.array([HUGE], object), {HUGE}], ids=short_repr
+    "nested",
+    [[[HUGE]], {"a": [{"b": (1, HUGE)}]}, {HUGE: 1}, np.array([HUGE], object), {HUGE}],
+    ids=["lists", "dictionaries", "key", "array", "set"],
 )
 def test_large_integers_are_found_within_other_values(nested: Any) -> None:
     with pytest.raises(UsageError, match="scene: an integer of 5,001 digits"):

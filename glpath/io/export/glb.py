@@ -128,7 +128,8 @@ class Glb:
         self._views.append(
             gltf_json.BufferView(buffer=0, byte_offset=len(self._bytes), byte_length=len(content), target=target)
         )
-        self._bytes += content + bytes(-len(content) % 4)  # arrays must begin at multiples of their number size
+        # Padded, because the next array must begin at a multiple of the size of its numbers.
+        self._bytes += content + bytes(-len(content) % 4)
         return len(self._views) - 1
 
 

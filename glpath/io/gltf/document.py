@@ -102,7 +102,7 @@ class Document:
     _decoded: int = 0
 
     def all(self, name: str) -> Tables:
-        """Return a list of the root object by its name, such as "nodes" or "meshes"."""
+        """Return the list in field `name` of the root object, such as "nodes" or "meshes"."""
         if name not in self._lists:
             self._lists[name] = self.root.tables(name)
         return self._lists[name]

@@ -308,7 +308,7 @@ class _Shapes:
         self.skins: dict[int, Skin] = {}
         self.solid: dict[tuple[Mesh, ...], bool] = {}
         self.turned: dict[Mesh, Mesh] = {}
-        self.flat: dict[tuple[Mesh, bytes], Mesh] = {}  # flattened meshes, by mesh and axis
+        self.flat: dict[tuple[Mesh, bytes], Mesh] = {}  # flattened meshes, by original mesh and axis
         self.groups: dict[tuple[Mesh, int, int], _Group] = {}
         self.parts: dict[int, list[_Part]] = {}  # by mesh index
         #: Groups of all primitives of one mesh. The key is the mesh index, and True for mirrored instances. A mesh
@@ -484,7 +484,7 @@ class _Shapes:
             geometry = self._turned(mesh) if suffix else mesh
             path = None if self.paths is None else self.paths.of(node)
             if path is not None and "skin" in self.nodes.tables[node]:
-                path = None  # the joints move the mesh, not its node
+                path = None  # a skinned mesh is moved by its joints, not by its node
             # A moving node becomes a separate shape, because all instances of a shape move together.
             key = (geometry, surface, -1 if path is None else node)
             if key not in self.groups:

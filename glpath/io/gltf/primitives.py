@@ -244,7 +244,8 @@ class Primitives:
         if flat.all():
             document.notes.add("Meshes of which no triangle has an area.")
             return None
-        if flat.any() and primitive.values.get("mode", 4) != 5:  # mode 5: degenerate triangles join strips
+        # In triangle strips (mode 5), triangles without an area are normal, because they join strips.
+        if flat.any() and primitive.values.get("mode", 4) != 5:
             document.notes.add("Triangles without an area.")
         return mesh.without_faces(flat)
 

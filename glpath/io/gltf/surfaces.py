@@ -197,7 +197,7 @@ class Surfaces:
     def _emission(self, table: Table) -> Float64:
         """Return the (3,) emitted radiance of a material that is not unlit."""
         if "emissiveTexture" in table and self._look_up(table, "emissiveTexture") is None:
-            return np.zeros(3)  # the factor without the texture would light the whole surface
+            return np.zeros(3)  # without its texture, the factor would make the whole surface emit
         factor, stronger = table.numbers("emissiveFactor", (0, 0, 0), 0.0), table.extension(_STRENGTH)
         return factor if stronger is None else factor * stronger.number("emissiveStrength", 1.0, 0.0)
 

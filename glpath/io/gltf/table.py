@@ -36,11 +36,11 @@ class Table:
         return name in self.values
 
     def table(self, name: str) -> Table:
-        """Return the object of that name; an empty one if it is missing."""
+        """Return the object in field `name`; an empty object if the field is missing."""
         return Table.of(self.values.get(name, {}), self.location.field(name))
 
     def tables(self, name: str) -> Tables:
-        """Return the list of objects of that name; an empty one if it is missing."""
+        """Return the list of objects in field `name`; an empty list if the field is missing."""
         return Tables(self._list(name), self.location.field(name))
 
     def extension(self, name: str) -> Table | None:

@@ -60,13 +60,16 @@ class Plugin:
         return name in self._properties or any(each == name for each, _ in self._nested)
 
     def nested(self, tag: str, name: str = "") -> list[Plugin]:
-        """Return the nested plugins of a tag, in order; with a name, only those of that name."""
+        """Return the nested plugins with a tag, in order; if `name` is not empty, only those with that name."""
         found = [each for each in self._nested if each[1].tag == tag and (not name or each[0] == name)]
         self._nested = [each for each in self._nested if each not in found]
         return [Plugin(element, self.document, self._depth + 1) for _, element in found]
 
     def number(self, name: str, default: float, low: float = -LARGEST, high: float = LARGEST) -> float:
-        """Return a number from `low` to `high`. Raises SceneError."""
+        """Return the number in parameter `name`; `default` if the parameter is missing.
+
+        Raises SceneError for a number below `low` or above `high`.
+        """
         child = self._take(name, ("float", "integer"))
         if child is None:
             return default
@@ -98,16 +101,18 @@ class Plugin:
         return value
 
     def where(self, name: str) -> SourceLocation:
-        """Return the location of a parameter; the plugin's location if it is missing."""
+        """Return the location of parameter `name`; the plugin's location if the parameter is missing."""
         return self._properties[name].location if name in self._properties else self.location
 
     def kind_of(self, name: str) -> str:
-        """Return the tag of a property; empty if it is missing."""
+        """Return the tag of property `name`; empty if the property is missing."""
         self._asked[name] = None
         return self._properties[name].tag if name in self._properties else ""
 
     def colour(self, name: str, default: float, *, light: bool = False) -> Float64:
-        """Return the (3,) value of a colour parameter, linear Rec. 709, 0 or more.
+        """Return the (3,) value of a colour parameter, linear Rec. 709; grey of value `default` if it is missing.
+
+        Raises SceneError for a channel below 0.
 
         light : True for a light, False for a reflectance
         """
@@ -127,7 +132,10 @@ class Plugin:
         return colour * EQUAL_ENERGY if light and child.tag == "spectrum" else colour
 
     def share(self, name: str, default: float) -> Float64:
-        """Return a colour whose channels are at most 1. Raises SceneError."""
+        """Return a colour as `colour` does.
+
+        Raises SceneError for a channel above 1; a spectrum is clipped to 1 instead.
+        """
         colour = self.colour(name, default)
         if self.kind_of(name) == "spectrum":
             return np.minimum(colour, 1.0)  # as in Mitsuba for colours outside the gamut
@@ -138,7 +146,7 @@ class Plugin:
         return colour
 
     def fraction(self, name: str, default: float) -> float:
-        """Return a number from 0 to 1, or the mean of a colour, as in Mitsuba. Raises SceneError."""
+        """Return a number, or the mean of a colour, as in Mitsuba. Raises SceneError unless it is from 0 to 1."""
         if self.kind_of(name) in ("rgb", "spectrum"):
             return float(self.share(name, default).mean())
         return self.number(name, default, 0.0, 1.0)

@@ -141,7 +141,7 @@ class Reader:
         axes = np.linalg.svd(matrix[:3, :3], compute_uv=False)
         if axes[0] - axes[2] > _ELLIPSOID * axes[0]:
             self.notes["a sphere whose `to_world` stretches it is an ellipsoid, but a sphere in Mitsuba"] = None
-        return "sphere", matrix[:3], False  # a mirroring transform turns its front inside, as in Mitsuba
+        return "sphere", matrix[:3], False  # a mirroring transform turns the sphere's front inside, as in Mitsuba
 
     def _with_uv(self, mesh: Mesh, material: int) -> Mesh:
         """Return the mesh, with texture coordinates for all vertices if the material has textures."""

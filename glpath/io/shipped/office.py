@@ -19,11 +19,11 @@ _Part = tuple[str, str, tuple[float, float, float], tuple[float, float, float]]
 
 #: Size of the room in metres: x along the window wall, y up. One corner is the origin.
 ROOM = (12.0, 3.0, 8.0)
-# Numbers of rectangles along and across the floor. All surfaces together give 2563 polygons.
+# Counts of rectangles along and across the floor. All surfaces together give 2563 polygons.
 _FLOOR = (30, 20)
-# Numbers of rectangles along and across a long wall.
+# Counts of rectangles along and across a long wall.
 _LONG = (35, 9)
-# Numbers of rectangles along and across a short wall.
+# Counts of rectangles along and across a short wall.
 _SHORT = (24, 9)
 _LIGHTS = 10
 

@@ -71,7 +71,7 @@ class DirectLight:
         return bool(self.lighting.punctual) or self.lighting.sky is not None
 
     def of_sides(self, sides: Sides, triangle: Int64, points: Float64, number: Int64, each: int) -> Float64:
-        """Return (R, 3), irradiance of sides in W m^-2, each the mean over the points of the side.
+        """Return (R, 3), irradiance of elements' sides in W m^-2, each the mean over the points of the side.
 
         triangle : (R,) index of the scene's triangle that each side is part of
         points   : (P, 3) positions

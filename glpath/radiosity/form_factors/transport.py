@@ -142,7 +142,7 @@ class Transport:
         return found
 
     def column(self, side: int, next_ones: Callable[[], list[int]] = list) -> Float32:
-        """Return (R,) float32, form factors from all elements to a side of a patch.
+        """Return (R,) float32, form factors from all element sides to one side of a patch.
 
         next_ones : function that returns the sides needed next; if this column is not cached, the other cores
                     compute the columns of those sides meanwhile

@@ -210,7 +210,7 @@ def _cast_together(step, group, found, built, work):  # type: ignore[no-untyped-
                         clear[s, k] = 0
                         left -= 1
     counts[BLOCKED] += rays - left
-    if left:  # `visible` was all False before
+    if left:  # if no ray is left, `visible` stays all False, as it was before
         order = groups.order
         for k in range(clump.size):
             p = order[begin + k]
@@ -239,7 +239,7 @@ def _start(source, lit, common, group, clump, bundle):  # type: ignore[no-untype
         if not lit.one_sided:
             for k in range(count):
                 clear[s, k] = before[k]
-        elif flat:  # same as `before_receiver`, with one normal
+        elif flat:  # the same test as `before_receiver`, with the common normal
             height = n[begin, 0] * a[s, 0] + n[begin, 1] * a[s, 1] + n[begin, 2] * a[s, 2]
             for k in range(count):
                 clear[s, k] = before[k] & (height > heights[begin + k])
@@ -367,7 +367,7 @@ def cast_groups(step, first, last, roots, root_flags, work):  # type: ignore[no-
                 _keep_list(around, level, found)
                 group += 1
                 continue
-            built = True  # nothing occludes its parts
+            built = True  # an empty list: nothing occludes the parts of this group
         if settings.together:
             _cast_together(step, group, found, built, work)
         else:

@@ -141,7 +141,7 @@ _TRUTHS = {"yes": True, "true": True, "no": False, "false": False}
 def _value_of(name: str, word: str) -> Any:
     kind = _KINDS[name]
     if kind in ("StrategyName", "OrderName"):
-        return word  # checked by the options
+        return word  # checked when the options are created
     if kind == "bool":
         if word.lower() not in _TRUTHS:
             raise UsageError(f"shaft option {name}={word}: must be yes or no.")

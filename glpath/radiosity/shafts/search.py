@@ -299,7 +299,8 @@ def shaft_list(step, group, parent, leaf, work):  # type: ignore[no-untyped-def]
     lists, shaft, latest, counts = work.lists, work.shaft, work.latest, work.counts
     share = ENDS if settings.tolerance else 0.0
     for k in range(6):
-        # The shaft's boxes contain the points at this fraction of every segment, from either end.
+        # Each segment has two points at the fraction `share` of its length from either end. The shaft's boxes
+        # contain them.
         emitter, receiver = source.box[k], groups.boxes[group, k]
         shaft.a[k] = emitter + share * (receiver - emitter)
         shaft.b[k] = receiver + share * (emitter - receiver)

@@ -325,7 +325,7 @@ def form_shaft(shaft, slack, min_cut):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def overlaps(boxes, i, other):  # type: ignore[no-untyped-def]
-    """Return True if boxes[i] overlaps a box.
+    """Return True if boxes[i] overlaps the box `other`.
 
     The box is passed by its index, because creating an array view takes as long as the test.
     """
@@ -338,7 +338,7 @@ def overlaps(boxes, i, other):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def encloses(boxes, i, other):  # type: ignore[no-untyped-def]
-    """Return True if boxes[i] encloses a box."""
+    """Return True if boxes[i] encloses the box `other`."""
     return (
         boxes[i, 0] <= other[0] and other[3] <= boxes[i, 3]
         and boxes[i, 1] <= other[1] and other[4] <= boxes[i, 4]

@@ -112,7 +112,7 @@ def check_solvable(scene: Scene) -> None:
 
 
 def check_memory(scene: Scene, divisions: Int64, size: float, splits: int, points: int, method: Method) -> float:
-    """Return bytes per element. Raises UsageError if the mesh needs more memory than is available."""
+    """Return the solver's memory per element, bytes. Raises UsageError if the mesh needs more than is available."""
     ones = Sides.of(scene, Elements.of_lattices(np.ones(len(scene.triangles), np.int64)))
     sides = np.bincount(ones.element, minlength=len(scene.triangles)).astype(float)
     squares = divisions.astype(float) ** 2

@@ -162,13 +162,13 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                     starts.direction[particle, k],
                 )
             if max(w[0], w[1], w[2]) <= 0:
-                continue  # the start is in shadow
+                continue  # the start gets no light, so no particle leaves it
             part = 0 if triangle < 0 else 1
             leaves = d[0] == 0 and d[1] == 0 and d[2] == 0
         else:
             state, u = next_random(state)
             which = min(_above(lamps.cdf, u), len(lamps.cdf) - 1)
-            triangle, back, part = lamps.triangle[which], lamps.back[which], 0  # direct until it is reflected
+            triangle, back, part = lamps.triangle[which], lamps.back[which], 0  # part 0: direct
             state, u = next_random(state)
             state, v = next_random(state)
             root = np.sqrt(u)
@@ -243,7 +243,7 @@ def shoot_batch(number, seed, surfaces, lamps, starts, max_reflections, arrivals
                         for k in range(3):
                             w[k] *= glass.clear[triangle, k] / clear
                     if u < mirrored or not glass.thin[triangle]:
-                        part = 1  # light that shadow rays do not find
+                        part = 1  # counted as indirect, because shadow rays do not find this light
                     for k in range(3):
                         d[k] = scale * d[k] + bends * normals[triangle, k]
                     length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])

@@ -27,7 +27,7 @@ from glpath.radiosity.shafts.options import Statistics
 from glpath.scene.model import Float64
 from glpath.system.kernels import kernel
 
-#: Number of next patches whose columns other cores may compute ahead.
+#: Number of next patches whose form factor columns other cores may compute ahead.
 _AHEAD = 64
 
 
@@ -156,7 +156,7 @@ class Refinement:
         """Resume from a state of the same scene and settings. Raises ValueError for a state of another mesh."""
         ends = np.cumsum(state["split_sizes"])
         for which in np.split(state["splits"], ends[:-1]) if len(ends) else []:
-            # With 0 as the radiosity shot so far, elements are split without gathering.
+            # Passing 0 as the radiosity shot so far splits the elements without gathering.
             self.transport.refine(which, np.zeros_like(self.irradiance), np.zeros_like(self.shot))
             self.irradiance = np.zeros((2, len(self.transport.elements), 3))
             self.splits.append(which)

@@ -284,7 +284,7 @@ class _Run:
             while left:
                 try:
                     parts = [_whole(ended.get(timeout=_REPORT_INTERVAL))]
-                except Empty:  # no task has ended meanwhile, because hard tasks take minutes
+                except Empty:  # no task has ended within the interval; hard tasks take minutes
                     self._report("rows", self.rows_done + sum(int(done[0]) for done in within), total, False)
                     continue
                 while not ended.empty():
@@ -319,7 +319,7 @@ class _Run:
         share = self.rows_done / max(total, 1)
         if share > 0.05:
             self.bytes = round(2 * self._factors() / share * _BYTES_PER_FACTOR)
-            if self.bytes > max(1.1 * self.granted, _ASKED):  # not always, as the check takes longer than some rows
+            if self.bytes > max(1.1 * self.granted, _ASKED):  # seldom, because checks take longer than some rows
                 present = self._factors() * 20
                 require_memory(
                     self.bytes - present,
