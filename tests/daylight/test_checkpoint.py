@@ -16,6 +16,7 @@ from glpath.daylight.compute import daylight_coefficients
 from glpath.daylight.kept_shards import KeptShards
 from glpath.daylight.kept_words import KeptPass, KeptWords
 from glpath.errors import GlpathError, ImageError
+from glpath.jobs.connection import Connection
 from tests.support.command_line import run
 from tests.support.weather_files import write_epw
 
@@ -69,7 +70,7 @@ def test_only_shards_are_removed_with_their_folder(linked: bool, tmp_path: Path)
 
 
 def test_second_process_is_refused_a_cluster_s_folder(tmp_path: Path) -> None:
-    folder, cluster = tmp_path / "dc.npz.part", object()
+    folder, cluster = tmp_path / "dc.npz.part", object.__new__(Connection)
     with DaylightCheckpoint(folder), pytest.raises(GlpathError, match="has it already: process"):
         coefficients(resume=folder, cluster=cluster)
 

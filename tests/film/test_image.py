@@ -186,7 +186,7 @@ def test_the_size_of_a_picture_is_in_its_header(tmp_path: Path, suffix: str) -> 
         path.write_bytes(b"#?RADIANCE\n\n-Y 4 +X 6\n" + bytes(4 * 6 * 4))
     else:
         iio.imwrite(path, np.zeros((4, 6, 3), np.uint8))
-    assert image.picture_size(path) == (6, 4) == image.read_image(path).shape[1::-1]
+    assert image.picture_size(path)[:2] == (6, 4) == image.read_image(path).shape[1::-1]
     for broken in (b"", b"hello", path.read_bytes()[:12]):
         path.write_bytes(broken)
         with pytest.raises(ImageError, match=rf"a{suffix}: cannot be read as {suffix}: \S"):

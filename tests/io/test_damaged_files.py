@@ -261,7 +261,7 @@ def test_numbers_of_a_file_of_a_spectrum_are_of_plain_digits(tmp_path: Path) -> 
     (tmp_path / "a.xml").write_text(
         f'<scene version="3.0.0">\n<shape type="sphere"><bsdf type="diffuse">{spectrum}</bsdf></shape></scene>'
     )
-    with pytest.raises(SceneError, match=r'a\.xml: line 2, .*line 4 of .*a\.spd has "5_00 0\.6"'):
+    with pytest.raises(SceneError, match=r"a\.xml: line 2, .*line 4 of .*a\.spd has no pair of numbers"):
         load_scene(tmp_path / "a.xml")
 
 
@@ -299,7 +299,7 @@ def test_an_obj_takes_a_time_that_grows_with_its_size_and_not_with_its_materials
         assert len(read_obj(content, "a.obj").parts) == materials
         return time.process_time() - start
 
-    assert min(seconds(16_000) for _ in range(2)) < 6 * min(seconds(4_000) for _ in range(2))
+    assert min(seconds(16_000) for _ in range(2)) < 8 * min(seconds(4_000) for _ in range(2))
 
 
 def test_corners_without_a_normal_have_that_of_their_face(tmp_path: Path) -> None:

@@ -199,7 +199,7 @@ def test_what_has_no_light_is_told_apart_from_the_rest(tmp_path: Path) -> None:
         ([[0, 0, 1], [0, np.nan, 1]], [0, 0, 1], r"points\[1\]: .*finite numbers"),
         ([[0, 0, 1], [0, 0, 1]], [[0, 0, 1], [0, 0, 0]], r"normals\[1\]: .*other than zero"),
         ([[1e300, 0, 1]], [0, 0, 1], r"points\[0\]: \[1e\+300, 0.0, 1.0\] where finite numbers from"),
-        ("here", [0, 0, 1], "arrays of numbers"),
+        ("here", [0, 0, 1], "points: 'here' where an array of numbers"),
         ([[0, 0, 1j]], [0, 0, 1], "arrays of numbers"),
     ],
 )

@@ -350,7 +350,7 @@ def test_a_camera_is_given_whole_or_by_what_changes() -> None:
         scene.with_camera({"fov": 20})
     with pytest.raises(glpath.UsageError, match=r"no field is named 'width'; allowed are position.*resolution"):
         scene.with_camera(width=256)
-    with pytest.raises(glpath.UsageError, match=r"camera: 3 where a Camera, or a dictionary"):
+    with pytest.raises(glpath.UsageError, match=r"camera: 3 where a dictionary whose keys are text or a Camera"):
         glpath.render(scene, camera=3)
 
 

@@ -203,9 +203,22 @@ def test_each_view_has_the_limit_to_itself(clock: Clock) -> None:
     assert [film.metadata.stop_rule for film in views.films] == ["spp"] * 3
 
 
-@pytest.mark.parametrize("seconds", ["5", 0, -1.0, float("nan"), float("inf"), True, 10**400, [5.0]])
-def test_a_limit_that_is_no_time_is_refused_by_every_call(seconds: Any) -> None:
-    match = re.escape(f"time_limit={seconds!r}: must be a finite number of seconds above 0.")
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        ("5", ": '5' where a number or None is needed"),
+        (0, "=0: must be a finite number of seconds above 0."),
+        (-1.0, "=-1.0: must be a finite number of seconds above 0."),
+        (float("nan"), "=nan: must be a finite number of seconds above 0."),
+        (float("inf"), "=inf: must be a finite number of seconds above 0."),
+        (True, ": True where a number or None is needed"),
+        (10**400, ": an integer of 401 digits where integers have at most 64 bits"),
+        ([5.0], ": [5.0] where a number or None is needed"),
+    ],
+    ids=["text", "0", "-1", "nan", "inf", "True", "401 digits", "list"],
+)
+def test_a_limit_that_is_no_time_is_refused_by_every_call(seconds: Any, words: str) -> None:
+    match = re.escape(f"time_limit{words}")
     K, origin, up = [[9.0, 0.0, 8.0], [0.0, 9.0, 8.0], [0.0, 0.0, 1.0]], [[0.0, 0.0, 0.0]], [0.0, 1.0, 0.0]
     calls: list[Callable[[], object]] = [
         lambda: glpath.render(BOX, time_limit=seconds),
@@ -215,11 +228,12 @@ def test_a_limit_that_is_no_time_is_refused_by_every_call(seconds: Any) -> None:
         lambda: glpath.lightmap(BOX, time_limit=seconds),
         lambda: glpath.probes(BOX, (2, 2, 2), time_limit=seconds),
         lambda: glpath.solve_radiosity(BOX, time_limit=seconds),
-        lambda: RunOptions(time_limit=seconds),
     ]
     for call in calls:
         with pytest.raises(glpath.UsageError, match=match):
             call()
+    with pytest.raises(glpath.UsageError, match="time_limit"):
+        RunOptions(time_limit=seconds)
 
 
 def test_a_limit_may_be_a_number_of_numpy(clock: Clock) -> None:

@@ -291,9 +291,9 @@ def _by_wavelengths(element: Element) -> tuple[list[float], list[float]]:
             wavelength, value = map(real, words)
         except ValueError as error:
             # A file is not quoted, because a scene may name any file.
-            found = shown(" ".join(words)) if where == "it" else "something else"
+            fault = f"has {shown(' '.join(words))}" if where == "it" else "has no pair of numbers"
             raise element.location.error(
-                f"is a spectrum that is not read: {where} has {found}. Allowed: pairs of a wavelength in nm and a "
+                f"is a spectrum that is not read: {where} {fault}. Allowed: pairs of a wavelength in nm and a "
                 "value.",
                 'For example value="400:0.3, 550:0.5, 700:0.4".',
             ) from error

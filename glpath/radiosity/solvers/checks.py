@@ -56,8 +56,8 @@ def check_options(options: Mapping[str, Any]) -> None:
     for name, above, max_value in (("size", 0.0, math.inf), ("threshold", 0.0, math.inf), ("unshot", 0.0, 1.0)):
         value = o[name]
         if value is not None and not above < value < max_value:
-            bound = f"above {above:g}" + (f" and below {max_value:g}" if max_value < math.inf else " and finite")
-            raise UsageError(f"{name}: {value} where a number {bound} is needed")
+            bound = f" and below {max_value:g}" if max_value < math.inf else ""
+            raise UsageError(f"{name}: {value} where a finite number above {above:g}{bound} is needed")
     if o["adaptive"] and o["method"] == "matrix":
         raise UsageError(
             'solve_radiosity: adaptive subdivision is for methods "progressive" and "monte-carlo", not "matrix".',

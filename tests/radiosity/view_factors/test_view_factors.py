@@ -406,9 +406,9 @@ def test_wrong_faces_are_explained(faces, message: str) -> None:  # type: ignore
         ({"groups": "shapes"}, "arrays and meshes have none"),
         ({"enforce": ["beauty"]}, "enforce 'beauty'"),
         ({"threads": 0}, "threads is 0"),
-        ({"threads": 1.5}, "threads is 1.5"),
-        ({"error": "1e-3"}, "error is '1e-3'"),
-        ({"enforce": None}, "enforce None"),
+        ({"threads": 1.5}, "threads: 1.5 where a whole number"),
+        ({"error": "1e-3"}, "error: '1e-3' where a number"),
+        ({"enforce": None}, "enforce: None where a list"),
         ({"groups": [[1], [1, 2]]}, "a label for each"),
     ],
 )
