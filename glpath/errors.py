@@ -191,7 +191,7 @@ def warn_at(location: str, counts: Mapping[str, int], text: str) -> None:
 
 @contextmanager
 def one_warning_per_cause() -> Iterator[None]:
-    """Context in which calls of `warn_at` become one warning for each cause, at its end."""
+    """Collect calls of `warn_at` inside this context; when it ends, issue one warning for each cause."""
     if _waiting.get() is not None:
         yield
         return

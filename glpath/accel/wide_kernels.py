@@ -16,7 +16,7 @@ from glpath.system.kernels import inner_kernel, kernel
 
 
 class Nodes(NamedTuple):
-    """Arrays of a `Bvh` for kernels, without copies; `glpath.accel.nodes.Tree` copies its boxes.
+    """Arrays of a `Bvh`, passed to kernels without copying; `glpath.accel.nodes.Tree` copies the boxes.
 
     items : `count` of the `Bvh`
     """

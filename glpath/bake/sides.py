@@ -122,7 +122,7 @@ class Sides:
         hidden = np.zeros(surfaces.sends.shape, np.bool_)
         if surfaces.sends.all(axis=1).any():
             hidden = surfaces.sends & inside_solids(scene, rays, ~surfaces.passes, surfaces.shines)
-            # Only triangles whose other side gets texels have a hidden side.
+            # A side counts as hidden only if both sides of its triangle reflect or emit light.
             hidden[~np.asarray(surfaces.sends.all(axis=1))] = False
         check_time()
         shown = surfaces.sends & ~hidden

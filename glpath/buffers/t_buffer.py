@@ -263,7 +263,7 @@ class TBuffer(EyeBuffer):
             self._small.shoot(uniforms)
         if self._squares:
             self._squares.bound(eye)
-            spheres = self._draws[0][0]  # spheres have the first numbers
+            spheres = self._draws[0][0]  # spheres have the lowest numbers, so their draw is first
             spheres.vertices = self._squares.count
             spheres.textures = self.objects.textures | {"squares": self._squares.texture}
             uniforms["square_side"] = self._squares.side

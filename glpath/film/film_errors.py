@@ -94,8 +94,8 @@ class FilmErrors(FilmSums):
 
         Its square estimates `compare.relative_mse` against a converged image; 0.02 is noise of about 2 %. With
         Sobol samples (the default), it is rather too large than too small, see `variance_of_mean`. It includes the
-        error of the radiosity solution that a gather has made itself, see `solution_error`. It does not include the
-        bias of a buffer, or of elements that are too coarse. None if fewer than two batches have path sets.
+        error of a radiosity solution that the gather itself has computed, see `solution_error`. It does not include
+        the bias of a buffer, or of elements that are too coarse. None if fewer than two batches have path sets.
         """
         if np.count_nonzero(self.batch_counts) < 2:
             return None

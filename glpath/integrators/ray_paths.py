@@ -75,7 +75,8 @@ _MAX_BOUNCES = 14
 #: everywhere, the light beyond it is 1e-7 of all. In a closed room without absorption, where light transport has no
 #: solution, each path reaches this maximum.
 CEILING = 1 << 14
-# Number of vertices that longer paths count as when a draw is divided into areas, because few paths are longer.
+# Maximum path length, vertices, assumed in the estimated cost by which a draw is divided into areas. Few paths are
+# longer.
 _USUAL_DEPTH = 64
 # Approximate number of boxes and triangles tested by a vertex's ray and shadow ray together in a large scene.
 _TESTS_A_VERTEX = 200
@@ -382,7 +383,9 @@ def _chosen_by_tree(lighting: Lighting) -> bool:
 
 
 def _light_edges(lighting: Lighting) -> NDArray[np.float64]:
-    """Return (parts + 1,) bounds in [0, 1] that select a light: a part is a light, or an eighth of all lights.
+    """Return (parts + 1,) cumulative bounds in [0, 1] for selecting a part of the lights.
+
+    A part is one light, or an eighth of the total probability if there are more than eight lights.
 
     An environment map is two parts: its suns and the rest. Shadow rays would otherwise go to a sun even where only
     the rest is visible. The squared error is 0.6 of that with one part; more parts gain little.

@@ -336,7 +336,10 @@ class _Reader:
         return _Map(image, name, matrix, clamped, channel, multiplier)
 
     def _tint(self, keyword: str, default: float, *, limited: bool = True) -> Float64:
-        """Return the colour of a keyword; the default, with a note, if a texture multiplies a colour of 0."""
+        """Return the colour of a keyword.
+
+        If it is 0 and has a texture, return the default and add a note, because the product would be black.
+        """
         colour = self._colour(keyword, default, limited=limited)
         name = keyword.capitalize()
         if colour.any() or not default or f"map_{keyword}" not in self.written:

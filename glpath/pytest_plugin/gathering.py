@@ -114,7 +114,7 @@ class Gathering:
                 self.lines.append(f"the report is not written: {error}")
 
     def _report_unused(self, unused: list[Path]) -> Iterator[str]:
-        """Yield a line for each unused baseline, and delete it if that option is set."""
+        """Yield a line for each unused baseline; delete the baselines too if the option `unused` is "delete"."""
         from glpath.pytest_plugin.regression import delete_baseline, is_baseline, shown_path
 
         delete = chosen(self.config, "unused") == "delete"

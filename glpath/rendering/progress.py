@@ -99,7 +99,7 @@ def _image() -> Iterator[Report]:
         elif progress.done < progress.total:
             line = ", ".join([f"{progress.done}/{progress.total} path sets", *_details(progress, rate)])
         else:
-            # The output stays in the notebook, so the final line has no speed.
+            # The final line is saved with the notebook, where the speed no longer matters, so it is left out.
             error = "" if progress.error is None else f", error about {percent(progress.error)}"
             line = f"{progress.done} path sets in {duration(progress.elapsed_s)}{error}, {progress.renderer}"
         bundle: dict[str, object] = progress.film.shown() if progress.done else {"text/plain": ""}

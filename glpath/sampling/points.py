@@ -89,8 +89,8 @@ class PathSetSampler:
     def eye(self, index: int) -> NDArray[np.float64]:
         """Return (3,) in [0, 1) for a path set's eye: a point of the lens, and the time in the shutter's interval.
 
-        Any 2**k successive sets, of which the first is a multiple of 2**k, are evenly distributed in time, over the
-        lens and over both. Their order is shuffled, so that they are independent of the set's other numbers.
+        Any 2**k successive path sets whose first index is a multiple of 2**k are evenly distributed in time, over
+        the lens and over both. Their order is shuffled, so that they are independent of the set's other numbers.
         """
         if index // self._CHUNK != self._eye_chunk:
             self._eye_chunk = index // self._CHUNK

@@ -202,9 +202,9 @@ class PointSensor:
     ) -> PointSensor:
         """Create a sensor from arrays of points.
 
-        positions       : (H, W, 3), or (S, H, W, 3), of which each path set takes table int(u S). u is the first of
-                          the two numbers that position a camera's rays in its pixels. So the S points of a texel
-                          are sampled evenly, independently of directions
+        positions       : one table (H, W, 3), or S tables (S, H, W, 3). Each path set uses table int(u * S), where
+                          u is the first of its two numbers that position a camera's rays in pixels. So the S
+                          points of a texel are sampled evenly, independently of directions
         normals         : (H, W, 3) or (S, H, W, 3), unit
         valid           : (H, W) bool; by default all
         shading_normals : (H, W, 3) or (S, H, W, 3), unit; see `PointTables.shading`

@@ -152,7 +152,7 @@ def clean_console(stream: IO[str] | None = None, **how: Any) -> Console:
 
 
 class CleanHandler(logging.Handler):
-    """Log handler that prints each record to `sys.stderr` as it is at that time."""
+    """Log handler that looks up `sys.stderr` anew for each record, so that replacing the stream takes effect."""
 
     def emit(self, record: logging.LogRecord) -> None:
         say(self.format(record), err=True)

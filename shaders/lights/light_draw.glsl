@@ -122,8 +122,8 @@ vec3 sky_drawn(vec3 u, out float weight)
 #include "lights/lamp_rectangles.glsl"
 #endif
 
-// Draws a point of a lamp's triangle, as seen from a position. drawn.pdf: density per area; on entry that of
-// sampling by area.
+// Draws a point of a lamp's triangle, as seen from a position. drawn.pdf: on entry, the density of sampling
+// by area; on return, the density per area of the point drawn.
 void draw_on_triangle(inout LightSample drawn, int triangle, bool front, vec3 numbers, vec3 from)
 {
     uvec4 face = face_texel(triangle, FACE_CORNERS);

@@ -95,7 +95,7 @@ struct RayPath
     float reached;    // distance from the vertex of the last light samples to the hit, including `passed`
 #ifdef LIT_FROM
     vec3 lit_from;    // position of the vertex of the last light samples
-    vec3 lit_normal;  // normal at lit_from, on the side of the ray
+    vec3 lit_normal;  // normal at lit_from, on the side into which the ray leaves
 #endif
     float rays;       // number of rays cast so far
     int vertices;     // maximum number of vertices of this path
@@ -472,7 +472,8 @@ void add_reflected(inout RayPath path, inout ScatterVertex s)
 
 #ifdef HAS_LOBES
 // Samples a direction of the microfacets, clearcoat, a mirror or glass. chosen: random number that chose the lobe,
-// minus the probability of the diffuse lobes. Returns 1, as a positive stand-in for the cosine.
+// minus the probability of the diffuse lobes. Returns 1 instead of the cosine, because the caller only tests
+// whether it is positive.
 float sample_others(inout RayPath path, ScatterVertex s, float chosen, vec2 numbers)
 {
     bool stays = chosen < s.lobes.microfacets + s.lobes.coat + s.lobes.mirror;

@@ -23,8 +23,8 @@ uint opacity_point = 0u;
 
 bool is_see_through(int shape) { return shape_texel(shape, SHAPE_MATERIAL).z != 0u; }
 
-// Sets a new key for the next rays of an image pixel. Among 8 successive path sets, the number that hit a surface
-// is 8 times its opacity, within one.
+// Sets a new key for the next rays of an image pixel. Of 8 successive path sets, a surface of
+// opacity a stops the rays of 8a, within one.
 void new_opacity_key(ivec2 pixel_of_image, uint use)
 {
     opacity_key = pcg(uint(pixel_of_image.x) + (uint(pixel_of_image.y) << 16u) + pcg(opacity_seed + use));

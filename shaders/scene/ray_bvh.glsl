@@ -62,8 +62,9 @@ Ray ray_within(Ray ray, vec4 x, vec4 y, vec4 z, int first)
 }
 #endif
 
-// Nodes still to visit in a group of four slots: the group's number, four bits that mark these nodes in visiting
-// order, and that order, with two bits for each slot. 0 means none.
+// Nodes still to visit in a group of four slots, packed; 0 means none. In the low 4 bits, bit i is set while the
+// node that is i-th in visiting order is still to visit. The next 8 bits are the slots in that order, 2 bits each.
+// The rest is the group's number.
 #ifdef HAS_FAR_NODES
 #define Visit uvec2
 Visit visit(uint group, uint children) { return uvec2(group, children); }

@@ -9,7 +9,8 @@ uniform int first;  // index of the first primitive of this kind
 
 #ifdef SQUARES
 uniform int square_side;
-// For each square: x: item; y: index of the square | number of squares across << 20; see buffers/t_buffer.py.
+// For each square: x: index of its sphere, counted from `first`. y, low 20 bits: index of the square among those of
+// the sphere; high 12 bits: number of squares in a row of them. See buffers/t_buffer.py.
 uniform usampler2D squares;
 flat out ivec4 own_pixels;   // first and last pixel of the square; others are discarded
 #endif

@@ -163,7 +163,10 @@ class _Clump(NamedTuple):
 
 @kernel_part
 def _cast_together(step, group, found, built, work):  # type: ignore[no-untyped-def]
-    """Cast all rays of a group against one candidate after the other, for vector units."""
+    """Cast all rays of a group against one candidate after the other.
+
+    The inner loops are over rays, so that the compiler can use SIMD instructions.
+    """
     tree, polygons, source, lit, groups, settings, visible = step
     lists, latest, counts, bundle = work.lists, work.latest, work.counts, work.bundle
     begin, own = groups.begin[group], groups.polygon[group]

@@ -154,7 +154,8 @@ def _value_of(name: str, word: str) -> Any:
         raise UsageError(f"shaft option {name}={word}: must be a {'whole ' * (kind == 'int')}number.") from error
 
 
-#: Options of the paper [SC]: one shaft per receiver, one ray after the other, without the paper's future work.
+#: Options of the paper [SC]: one shaft per receiver, one ray after the other, and no extensions that the paper
+#: leaves to future work.
 PAPER = ShaftOptions(
     strategy="ratio open",
     together=False,

@@ -144,8 +144,8 @@ class Visibility:
             cast_groups(step, part.start, part.stop, roots, flags, work)
             return work.counts
 
-        # A call costs some 0.1 ms under Python's lock, so there are only as many calls as balance the threads'
-        # work.
+        # Each call holds Python's global lock for about 0.1 ms, so few calls are made: two per thread, enough to
+        # balance the load.
         parts = groups.parts(1 if self._cores == 1 else 2 * self._cores)
         counts = sum(self._pool.map(some, parts) if len(parts) > 1 else map(some, parts))
         return visible, Statistics(*(int(c) for c in np.atleast_1d(counts)))

@@ -394,7 +394,9 @@ def _standing(base, planes, i, clipped, work):  # type: ignore[no-untyped-def]
 
 @kernel
 def exchange_rows(first, last, facets, tree, occluders, error, rows, work):  # type: ignore[no-untyped-def]
-    """Write exchange areas of facets `first` to `last` with all facets that follow them into `rows`.
+    """Write a row of exchange areas into `rows` for each facet from `first` up to, not including, `last`.
+
+    A row has the exchange areas of a facet with the facets of higher index.
 
     error : target error of the sum of a row of view factors
 
