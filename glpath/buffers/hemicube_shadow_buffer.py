@@ -142,7 +142,7 @@ class HemicubeShadowBuffer(Owner):
         t, b, n = frame.axes
         axis = (n, t, -t, b, -b, -n)[face]
         sides = [side for side in (t, b, n) if abs(side @ axis) < 0.5]
-        # About one degree wider than the face's 90 degrees, because the device rounds.
+        # The planes span one degree more than the face's 90 degrees, because the device rounds.
         normals = [axis, *(1.02 * axis + sign * side for side in sides for sign in (1.0, -1.0))]
         if frame.one_sided:
             normals.append(n)

@@ -46,8 +46,6 @@ MOVIES = (".mp4", ".mov", ".mkv")
 MAX_FRAMES = 100_000
 # Maximum number of a frame.
 _MAX_NUMBER = 999_999_999
-# Maximum number of characters of an option's value that an error shows.
-_SHOWN = 60
 # File name with one placeholder for the number of a frame, such as frame_{:04}.png; at most 99 digits.
 _FRAME_NUMBER = re.compile(r"[^{}]*\{0?(?::0?[0-9]{0,2}d?)?\}[^{}]*")
 
@@ -89,16 +87,15 @@ class Frames:
     @classmethod
     def of_range(cls, text: str) -> Frames:
         """Return the frames of `--frames A:B`. Raises UsageError."""
-        shown = text if len(text) <= _SHOWN else f"{text[:_SHOWN]} ..."
         match = re.fullmatch(r"0*([0-9]+):0*([0-9]+)", text.strip())
         if match and max(map(len, match.groups())) > len(str(_MAX_NUMBER)):
-            raise UsageError(f"--frames {shown}: the number of a frame must be at most {_MAX_NUMBER:,}.")
+            raise UsageError(f"--frames {text}: the number of a frame must be at most {_MAX_NUMBER:,}.")
         if not match or int(match[1]) >= int(match[2]):
-            raise UsageError(f"--frames {shown}: expected A:B, whole numbers of which B is greater, e.g. 0:240.")
+            raise UsageError(f"--frames {text}: expected A:B, whole numbers of which B is greater, e.g. 0:240.")
         first, stop = int(match[1]), int(match[2])
         if stop - first > MAX_FRAMES:
             raise UsageError(
-                f"--frames {shown}: {stop - first:,} frames, but one call renders at most {MAX_FRAMES:,}.",
+                f"--frames {text}: {stop - first:,} frames, but one call renders at most {MAX_FRAMES:,}.",
                 f"Render a part at a time: --frames {first}:{first + MAX_FRAMES}.",
             )
         return cls("--frames", first, stop)

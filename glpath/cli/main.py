@@ -206,7 +206,7 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
         say(f"glpath: error: NUMBA_NUM_THREADS is {found!r}; must be a whole number from 1.\n  Unset it.", err=True)
         raise SystemExit(WRONG_USAGE)
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # As stderr does: a name that cannot be encoded must not end the command.
+        # A name that cannot be encoded must not end the command; standard error never does so.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         with command_clock():

@@ -156,7 +156,7 @@ def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder:
     scene = scene_of({**data, "shapes": tables}, location, folder, name)
     sky = data.get("sky")
     has_map = is_aside("sky") or (isinstance(sky, Mapping) and "file" in sky and "unit" not in sky)
-    # As for glTF assets, emission of 1 is as bright as a value of 1 in an environment map without a unit.
+    # Emission of 1 is as bright as a value of 1 in an environment map without a unit, as for glTF assets.
     factor = 1.0 if has_map and "unit" not in data else conversion("photometric", scene.unit)
     return _with_looks(scene, looks, surfaces.textures, factor)
 

@@ -115,7 +115,7 @@ bool in_shadow(vec3 position, int receiver, vec4 receiver_plane)
     float cut = offset / dot(plane.xyz, w);
     if (!(cut > 0.0 && cut < 1.0 - ROUNDING)) return false;
 
-    // Of two triangles that meet at an edge, each would hide the other if its plane is extended past the edge.
+    // Two triangles that meet at an edge would hide each other if their planes were extended past the edge.
     // Therefore the occluder must also be in front at the texel's centre, where the buffer is exact.
     vec2 share = centre / extent;
     vec3 l = hemicube_from_face(face, vec3(2.0 * share.x - 1.0, low + height * share.y, 1.0));

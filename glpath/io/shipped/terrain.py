@@ -13,7 +13,7 @@ from glpath.scene.patches import PatchChunks, Patches, diced
 
 # Number of control points along a side of the net.
 _NET = 19
-# About half the length of a side of the surface, scene units; the net is 15 % larger.
+# Half the approximate length of a side of the surface, scene units; the net is 15 % larger.
 _HALF = 8.0
 _DISPLACED = 1.1
 
