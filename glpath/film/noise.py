@@ -70,8 +70,6 @@ def standard_error(sums: NDArray[np.float64], counts: NDArray[np.int64]) -> NDAr
 
     For eight batches, the standard error itself is accurate to a quarter. It is NaN for fewer than two batches.
     With Sobol points, the true error is usually smaller, because the mean converges faster than these differences.
-    Under an environment map it may be larger, up to 2.5 times at 512 path sets, because light samples take later
-    dimensions of the sequence.
     """
     there = counts > 0
     sums, counts = sums[there], counts[there]

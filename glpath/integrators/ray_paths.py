@@ -56,8 +56,12 @@ from glpath.sampling.points import PathSetSampler, counter_hash, radical_inverse
 from glpath.scene.model import Environment
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor
 
-#: Maximum number of light samples of a path set, from which its paths select.
-LIGHTS = 16
+# Minimum and maximum number of light samples of a path set, from which its paths select. Paths that share a sample
+# have correlated errors, so a larger picture has more samples. 1,024 samples of an environment map take the CPU one
+# millisecond.
+_LIGHTS = 128, 1024
+# Number of pixels for each light sample, between these limits.
+_PIXELS_PER_LIGHT = 8
 # Maximum number of parts into which the lights are divided. A vertex evaluates a sample of each part, for 2 % of a
 # set's time, and casts a shadow ray for one of them.
 _PARTS = 8
@@ -68,7 +72,7 @@ _TREE_SAMPLES = 1
 _TREE_MIN = 12
 # Maximum number of triangles and punctual lights in a tree: its build takes some 50 microseconds for each of them.
 _TREE_MAX = 1 << 16
-_LIGHT_BLOCK = 64  # number of path sets whose light samples are computed at once; divides the sampler's own block
+_LIGHT_BLOCK = 16  # number of path sets whose light samples are computed at once; divides the sampler's own block
 # Number of bounces that take their numbers from the sequence; later bounces have independent random numbers.
 _MAX_BOUNCES = 14
 #: Maximum number of vertices of a path that otherwise only roulette ends, a safeguard. With a reflectance of 0.999
@@ -118,7 +122,7 @@ class RayPathEngine(PathSetEngine):
         self.guide: PathGuide | None = None
         self.radiosity = radiosity
         self._light_block = -1
-        self._light_tables: list[bytes] = []
+        self._light_table: moderngl.Texture | None = None
         self._edges_of: object = None
 
     # Frame.
@@ -236,6 +240,12 @@ class RayPathEngine(PathSetEngine):
             samples = _TREE_SAMPLES if self._by_tree else 0
             self._draws = LightDraws(gl, self.lighting, scene.lights, self._light_edges, samples, rectangles)
             parts.add(self._draws)
+        else:
+            # Moving emitters have another position in each set, so each set is a block of its own.
+            sets = 1 if scene.moving and scene.moving.lamps else _LIGHT_BLOCK
+            self._light_table = gl.texture((LIGHT_ROWS * len(self._light_shifts), sets), 4, dtype="f4")
+            self._light_table.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            parts.textures["light_table"] = self._light_table
         parts.defines |= thin_dielectric_variants(scene.scene)
         self._ground = None if self._points is not None else Ground.of(scene.scene, self.settings.seed)
         if self._ground is not None:
@@ -324,17 +334,19 @@ class RayPathEngine(PathSetEngine):
 
     def _light_uniforms(self, index: int) -> Uniforms:
         if self._draws is None:
-            return {"light_table": self._light_table(index)}
+            return {"light_row": self._light_row(index)}
         return {"sequence_point": tuple(map(int, _words(self._sampler[index].light)))}
 
-    def _light_table(self, index: int) -> bytes:
-        """Return light samples of a set, of each part in turn; each shifts the sequence's point by its own numbers.
+    def _light_row(self, index: int) -> int:
+        """Return the row of the light table with the samples of a path set.
 
-        They are computed for many sets at once, because numpy's overhead exceeds the work for a single set.
+        Each sample is the sequence's point of the set, shifted by the sample's own numbers.
+
+        Rows are computed for many sets at once, because numpy's overhead exceeds the work for a single set.
         """
-        # Moving emitters have another position in each set, so each set is a block of its own.
-        size = 1 if self.scene.moving and self.scene.moving.lamps else _LIGHT_BLOCK
-        block, index_in_block = divmod(index, size)
+        assert self._light_table is not None, "prepared"
+        size = self._light_table.height
+        block, row = divmod(index, size)
         if self._light_block != block:
             sets = range(block * size, (block + 1) * size)
             points = _words(np.array([self._sampler[i].light for i in sets]))
@@ -345,17 +357,18 @@ class RayPathEngine(PathSetEngine):
             u[..., 0] = np.clip(edges[part] + share * u[..., 0], edges[part], np.nextafter(edges[part + 1], 0.0))
             u = u.reshape(-1, 3)
             lights = LightSamples.dark(len(u)) if self.lighting.dark else self.lighting.samples(u)
-            rows = light_rows(lights, np.tile(share, size))
-            self._light_tables = [each.tobytes() for each in np.split(rows, size)]
+            self._light_table.write(light_rows(lights, np.tile(share, size)))
             self._light_block = block
-        return self._light_tables[index_in_block]
+        return row
 
     def _constant_uniforms(self) -> Uniforms:
         settings = self.settings
+        width, height = self.sensor.resolution
+        lights = int(np.clip(width * height // _PIXELS_PER_LIGHT, *_LIGHTS))
         self._light_shifts = np.array(
             [
                 [counter_hash(settings.seed, i, axis, 10) for axis in range(3)]
-                for i in range(LIGHTS - LIGHTS % max(self._parts, 1))
+                for i in range(lights - lights % max(self._parts, 1))
             ],
             np.uint32,
         )

@@ -178,14 +178,17 @@ class Lighting:
                 wi = self.sky.directions(np.column_stack([left, u[which, 1:]]))
                 samples.kind[which] = LIGHT_KINDS.index("sky")
                 samples.direction[which] = -wi
-                samples.radiance[which] = sky_radiance(self.sky, wi)
-                samples.density[which] = self.sky_density(wi)
+                radiance = samples.radiance[which] = sky_radiance(self.sky, wi)
+                samples.density[which] = self._sky_density(radiance)
         return samples
 
     def sky_density(self, directions: ArrayLike) -> Float64:
         """Return (N,) density per solid angle of sky samples in unit directions (N, 3), sky selection included."""
         wi = np.asarray(directions, np.float64).reshape(-1, 3)
-        return np.asarray(sky_radiance(self.sky, wi).sum(axis=1) * self.sky_pdf_scale)
+        return self._sky_density(sky_radiance(self.sky, wi))
+
+    def _sky_density(self, radiance: Float64) -> Float64:
+        return np.asarray(radiance.sum(axis=1) * self.sky_pdf_scale)
 
     def varies(self, shape: int) -> bool:
         """Return True if a shape's emission varies over its surface."""

@@ -67,6 +67,7 @@ class PathSetSampler:
         self.sampling = sampling
         self._chunk = -1
         self._points = np.empty((0, self.dimensions))
+        self._light_points = np.empty((0, 3))
         self._eye_chunk = -1
         self._eye_points = np.empty((0, 3))
 
@@ -74,12 +75,13 @@ class PathSetSampler:
         if index // self._CHUNK != self._chunk:
             self._chunk = index // self._CHUNK
             self._points = self._make(self._chunk * self._CHUNK)
+            self._light_points = self._make_lights(self._chunk * self._CHUNK)
         u = self._points[index % self._CHUNK]
         further = np.concatenate([u[_FURTHER_DIRECTIONS], u[DIMENSIONS:]]).reshape(-1, 4)
         directions = np.concatenate([u[np.array(_DIRECTIONS)], further]).reshape(-1, 2, 2)
         if self.lattice:
             directions[0, 0] = lattice_point(self.seed, index)
-        return PathSetSample(u[_PIXEL], u[_LIGHT], directions)
+        return PathSetSample(u[_PIXEL], self._light_points[index % self._CHUNK], directions)
 
     def time(self, index: int, shutter: tuple[float, float]) -> float:
         """Return the time of a path set, seconds, which all of its paths share [PB 3.3]."""
@@ -112,6 +114,16 @@ class PathSetSampler:
         keys = np.random.default_rng(self.seed).integers(0, 2**32, DIMENSIONS, dtype=np.uint32)
         bounces = range(_SEQUENCE_BOUNCES, _SEQUENCE_BOUNCES + (self.dimensions - DIMENSIONS) // 4)
         return np.concatenate([owen_scrambled(points, keys), *(self._padding(start, b) for b in bounces)], axis=1)
+
+    def _make_lights(self, start: int) -> NDArray[np.float64]:
+        """Return (chunk, 3) numbers of light samples.
+
+        Projections of the sequence's dimensions 8 to 10 onto two dimensions are uneven: under an environment map,
+        the mean of an image would scatter two to three times as much after 256 to 512 path sets.
+        """
+        if self.sampling == "random":
+            return self._points[:, _LIGHT]
+        return self._shuffled(start, 16, 0)[:, [2, 0, 1]]
 
     def _padding(self, start: int, bounce: int) -> NDArray[np.float64]:
         """Return (chunk, 4) numbers of a bounce beyond the sequence's."""

@@ -11,7 +11,9 @@
 #endif
 uniform uvec3 sequence_point;           // sequence point of the path set, see light_point()
 #else
-uniform vec4 light_table[LIGHT_ROWS * LIGHTS];
+#include "gl/texels.glsl"
+TEXELS(rgba32f, light_table);           // one row of LIGHTS light samples, of LIGHT_ROWS texels each, for each path set
+uniform int light_row;                  // row of the path set
 #endif
 
 #ifdef OWN_LIGHT_SAMPLES
@@ -32,8 +34,9 @@ LightSample light_of(PathId at, int part, vec3 from, out float share)
 #else
 LightSample light_in(int number, out float share)
 {
-    int row = LIGHT_ROWS * number;
-    vec4 a = light_table[row], b = light_table[row + 1], c = light_table[row + 2], d = light_table[row + 3];
+    ivec2 at = ivec2(LIGHT_ROWS * number, light_row);
+    vec4 a = texel(light_table, at), b = texel(light_table, at + ivec2(1, 0));
+    vec4 c = texel(light_table, at + ivec2(2, 0)), d = texel(light_table, at + ivec2(3, 0));
     share = d.z;
 #ifdef HAS_PROFILES
     return LightSample(a.xyz, b.xyz, c.xyz, b.w, uint(a.w), d.xy, c.w != 0.0, int(d.w));

@@ -111,7 +111,7 @@ def test_a_sky_over_a_black_ground_has_a_sharp_edge():
     scene = replace(scene_of([FLOOR]), sky=Environment(image, np.array([0.0, 1, 0]), cut=True))
     points, normals = np.array([0.0, 9.0, 0.0]) + np.eye(3) * 1e-3, [[0, 1, 0], [1, 0, 0], [0, -1, 0]]
     found = glpath.irradiance(scene, points, normals, spp=1024, max_depth=1)
-    assert (found.standard_errors < 0.01).all()
+    assert (found.standard_errors < 0.03).all()
     np.testing.assert_allclose(found.values[:, 0], [np.pi, np.pi / 2, 0], atol=0.01)
 
 
@@ -207,7 +207,7 @@ def test_a_map_of_one_colour_is_a_sky_of_one_colour(engine: dict[str, Any]):
     sky, sky_map = Sky(np.full(3, 1.5), np.full(3, 1.5)), Environment(np.full((5, 8, 3), 0.5, np.float32), scale=3)
     a, b = (picture(replace(scene, sky=each), engine, 3, spp=200).mean for each in (sky, sky_map))
     noisy = engine.get("directions") == "sphere"
-    assert a.mean() == pytest.approx(b.mean(), rel=6e-2 if noisy else 1e-2)
+    assert a.mean() == pytest.approx(b.mean(), rel=6e-2 if noisy else 1.5e-2)
     assert relative_mse(a, b) < (0.3 if noisy else 1e-2)
 
 
