@@ -320,13 +320,13 @@ class RayPathEngine(PathSetEngine):
         # Branches use consecutive sets of the sequence, so all paths of a pixel are evenly distributed.
         branches = range(self._branches * index, self._branches * (index + 1))
         each = np.concatenate([self._branch_sampler[i].directions[: self._bounces] for i in branches])
-        points, choices = _words(each[:, 0]), _words(each[:, 1, 0])
+        points, choice = _words(each[:, 0]), _words(np.array(self._sampler[index].choice))
         return {
             "image_window": self._image_window(),
             "window_size": self._size,
             "random_seed": counter_hash(seed, index, 0, 5),
             "direction_points": [tuple(map(int, p)) for p in points],
-            "choice_points": [int(x) for x in choices],
+            "choice_point": int(choice),
             **self._light_uniforms(index),
             **(self._ground.of_set(index) if self._ground is not None else {}),
             "correction_number": radical_inverse(index),

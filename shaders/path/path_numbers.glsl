@@ -7,7 +7,7 @@
 // points of two pixels are independent.
 uniform uint path_seed;              // seed of the paths' shifts
 uniform uvec2 direction_points[BRANCHES * BOUNCES];
-uniform uint choice_points[BRANCHES * BOUNCES];
+uniform uint choice_point;           // sequence point of the path set, see choice_number()
 uniform bool lattice;                // true if the first bounce uses lattice points, and later bounces Sobol points
 
 float unit(uint bits)
@@ -50,9 +50,8 @@ void opacity_key_at(PathId at, uint use)
 // Random number in [0, 1) by which a vertex chooses one of its light samples.
 float choice_number(PathId at)
 {
-    if (at.depth >= BOUNCES) return random_at(at, USE_LIGHT);
-    uint point = choice_points[BOUNCES * at.branch + at.depth];
-    return unit(point ^ pcg(at.path + pcg(path_seed + 2u * uint(at.depth) + 1u)));
+    uint vertex = uint(BRANCHES * at.depth + at.branch);
+    return unit(choice_point ^ pcg(at.path + pcg(path_seed + 2u * vertex + 1u)));
 }
 
 // Returns two numbers in [0, 1) that determine a path's next direction. Lattice points are shifted by addition,

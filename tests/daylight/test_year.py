@@ -102,7 +102,7 @@ def test_an_hour_has_what_the_renderer_finds_in_its_sky(
     sky = {"type": "perez", "weather": str(epw), "time": time, "ground": 0.2}
     points = behind_wall.points
     measured = glpath.irradiance(
-        scene_from_dict(described(GROUND, WALL, **sky)), points, UP, spp=1024, max_depth=1
+        scene_from_dict(described(GROUND, WALL, **sky)), points, UP, spp=4096, max_depth=1
     ).illuminance()
     found = daylight_year(behind_wall, weather).light()[:, hour]
     assert found == pytest.approx(measured, rel=0.05)

@@ -55,9 +55,9 @@ def test_neighbours_have_nothing_in_common_and_lanes_their_noise() -> None:
         tiles = noise.reshape(2, TILE[1], 2, TILE[0]).transpose(0, 2, 1, 3)
         return float(np.mean(tiles[..., dy:, dx:] * tiles[..., : TILE[1] - dy, : TILE[0] - dx]))
 
-    assert abs(correlation(1, 0)) < 0.1
-    assert abs(correlation(0, 1)) < 0.1
-    assert abs(correlation(STRIDE - 1, 0)) < 0.1
+    assert abs(correlation(1, 0)) < 0.15
+    assert abs(correlation(0, 1)) < 0.15
+    assert abs(correlation(STRIDE - 1, 0)) < 0.15
     assert correlation(STRIDE, 0) > 0.6
     assert correlation(0, STRIDE) > 0.6
 

@@ -65,7 +65,7 @@ def test_a_boundary_that_sends_all_light_one_way_is_like_metal() -> None:
 def test_a_white_furnace_stays_white_at_all_roughnesses(kind: str, roughness: float) -> None:
     made = {"metal": METAL, "pane": PANE, "glass": replace(PANE, thin=False), "plastic": PLASTIC}[kind]
     film = glpath.render(furnace(replace(made, roughness=roughness), 16), spp=256, max_depth=60)
-    np.testing.assert_allclose(np.asarray(film.mean)[5:11, 5:11].mean(), 1.0, atol=0.01)
+    np.testing.assert_allclose(np.asarray(film.mean)[5:11, 5:11].mean(), 1.0, atol=0.02)
 
 
 @pytest.mark.parametrize("roughness", [0.4, 1.0])

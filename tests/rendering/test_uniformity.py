@@ -120,8 +120,8 @@ def test_the_uniformity_under_a_lamp_is_that_of_its_closed_form(sampling: str) -
     options: dict[str, Any] = {"spp": 64, "max_depth": 1, "sampling": sampling}
     found = [glpath.irradiance(scene, points, [0, 0, 1], seed=seed, **options).spread() for seed in range(16)]
     plain = np.mean([s.minimum.plain / s.mean.value for s in found])
-    assert plain < u0 - (0.05 if sampling == "random" else 0.02)
-    assert np.mean([s.u0.value for s in found]) == pytest.approx(u0, abs=0.2 * (u0 - plain) + 0.005)
+    assert plain < u0 - (0.05 if sampling == "random" else 0.01)
+    assert np.mean([s.u0.value for s in found]) == pytest.approx(u0, abs=0.2 * (u0 - plain) + 0.007)
     off = np.array([[(s.u0.value - u0) / s.u0.error, (s.mean.value - mean) / s.mean.error] for s in found])
     # The errors of means are of eight batches, so that these follow Student's t: its deviation is 1.18.
     assert (np.sqrt(np.mean(off**2, axis=0)) < [1.2, 1.7]).all(), off

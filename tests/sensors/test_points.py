@@ -144,7 +144,7 @@ def test_a_bounce_is_that_of_a_quadrature_in_numpy(engine: str) -> None:
     # The third lies above the lamp, which hides part of the floor; without it, the two below see all of it.
     options: dict[str, Any] = {"max_depth": 2, **engine_options(engine)}
     found = irradiance_of(scene, points[:2], [0, 0, -1], spp=1024, **options)[0]
-    np.testing.assert_allclose(found, expected[:2], rtol=0.01)
+    np.testing.assert_allclose(found, expected[:2], rtol=0.02)
     hidden = irradiance_of(scene, [[0, 0, 2.001]], [0, 0, -1], spp=64, **options)[0, 0]
     assert not hidden.any()
 
