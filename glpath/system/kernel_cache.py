@@ -4,11 +4,11 @@ Each user has a folder of kernels beside numba's cache (`__pycache__`, else the 
 NUMBA_CACHE_DIR). This cache guarantees the following, which numba's does not:
 
 - Kernels are executable code, so folder and files have the modes 0700 and 0600. If another user owns or can write
-  them, or if they are links, they are not read.
+  them, or if they are links, they are not read. A `.numba_config.yaml` in the current folder has no effect.
 - A kernel is stale if any Python file of its top-level package has changed; see `room_stamp`. Contents are
   compared, so a cache that was copied with its installation stays valid.
-- A file holds the kernel of one signature, its inputs and a checksum. A file that is damaged, truncated, or made
-  from other inputs counts as missing.
+- A file holds the kernel of one signature, and a checksum of the kernel and its inputs. A file that is damaged,
+  truncated, or made from other inputs counts as missing, and is not unpickled.
 - A failure to write (full disk, no permission) gives one warning.
 - If several processes need the same kernel, one compiles it, and the others wait and load it.
 """
@@ -28,15 +28,14 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-import numba
-
 from glpath.system.files import new_file, open_without_links
 from glpath.system.machine import posix_module
-from glpath.system.private_interfaces import numba_internals
+from glpath.system.private_interfaces import import_numba, numba_folders_of_environment, numba_internals
 from glpath.system.time_limit import check_time
 
 log = logging.getLogger("glpath")
 
+numba = import_numba()
 NUMBA = numba_internals()
 _fcntl = posix_module("fcntl")
 
@@ -89,7 +88,8 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
         on_wait: Callable[[str], None] | None = None,
         on_load: Callable[[str], None] | None = None,
     ) -> None:
-        super().__init__(function)
+        with numba_folders_of_environment():
+            super().__init__(function)
         self._stamp = room_stamp(Path(function.__code__.co_filename))
         self._version = _short(repr((numba.__version__, self._stamp)))
         self._on_wait, self._on_load = on_wait, on_load
@@ -143,14 +143,14 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
         if not self._impl.check_cachable(data):
             return
         path = self._file(sig, data.codegen)
-        content = NUMBA.dumps((self._made_from(sig, data.codegen), self._impl.reduce(data)))
+        content = NUMBA.dumps(self._impl.reduce(data))
         if self.refusal():  # `load_overload` has warned
             return
         try:
             _make_folder(path.parent)
             temporary = new_file(path.parent, path, 0o600)
             try:
-                temporary.write_bytes(hashlib.sha256(content).digest() + content)
+                temporary.write_bytes(self._checksum(sig, data.codegen, content) + content)
                 for stale in path.parent.glob(path.name.replace(self._version, "*")):
                     stale.unlink(missing_ok=True)
                 os.replace(temporary, path)
@@ -162,12 +162,9 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
     def _stored(self, sig: Any, target_context: Any) -> Any:
         try:
             content = memoryview(_read_private(self._file(sig, target_context.codegen())))
-            if hashlib.sha256(content[32:]).digest() != content[:32]:
+            if self._checksum(sig, target_context.codegen(), content[32:]) != content[:32]:
                 return None
-            made_from, data = pickle.loads(content[32:])
-            if made_from != self._made_from(sig, target_context.codegen()):
-                return None
-            return self._impl.rebuild(target_context, data)
+            return self._impl.rebuild(target_context, pickle.loads(content[32:]))
         except Exception as error:  # any error of reading or unpickling: compile again
             log.debug("kernel cache: %s: %s", self._py_func.__qualname__, error)
             return None
@@ -176,8 +173,10 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
         which = _short(repr(self._index_key(sig, codegen)))
         return self.folder / f"{self._impl.filename_base}.{which}.{self._version}.nbc"
 
-    def _made_from(self, sig: Any, codegen: Any) -> str:
-        return repr((numba.__version__, self._stamp, self._index_key(sig, codegen)))
+    def _checksum(self, sig: Any, codegen: Any, content: Any) -> bytes:
+        """Return the SHA-256 of the kernel's inputs and its content, which is checked before unpickling."""
+        made_from = repr((numba.__version__, self._stamp, self._index_key(sig, codegen)))
+        return hashlib.sha256(made_from.encode() + content).digest()
 
 
 _OF_OTHERS = "another user owns it or may write to it"

@@ -13,17 +13,17 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
-import numba
-
 from glpath.system.kernel_cache import NUMBA, KernelCache
 from glpath.system.private_interfaces import (
     NUMBA_OPTIONS,
     NUMBA_WITHOUT_PYTHON,
+    import_numba,
     numba_cache,
     set_numba_cache,
 )
 from glpath.system.time_limit import check_time
 
+numba = import_numba()
 _njit: Any = numba.njit  # numba's type annotations lack some of the options used here
 log = logging.getLogger("glpath")
 

@@ -10,6 +10,11 @@ Cost:     none until a function is called; each function imports only its own pa
 
 from __future__ import annotations
 
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -53,6 +58,48 @@ class NumbaInternals:
 #: Undocumented options of `numba.njit`: no reference counts, no wrapper for C, no wrapper for Python.
 NUMBA_OPTIONS = {"_nrt": False, "no_cfunc_wrapper": True}
 NUMBA_WITHOUT_PYTHON = {"no_cpython_wrapper": True}
+
+
+# File in the current folder from which numba reads settings, if PyYAML is installed.
+_NUMBA_FILE = ".numba_config.yaml"
+# Settings of numba that choose the folder of cached kernels.
+_NUMBA_FOLDERS = ("CACHE_DIR", "CACHE_LOCATOR_CLASSES")
+
+
+def import_numba() -> Any:
+    """Import numba without the settings file in the current folder, and return the package.
+
+    The author of that folder, for example of an archive, could otherwise choose how code is compiled. If the package
+    is imported already, its settings stay.
+    """
+    if "numba" in sys.modules or not os.path.exists(_NUMBA_FILE):
+        return _module("numba", "numba")
+    yaml = sys.modules.get("yaml")
+    sys.modules["yaml"] = None  # type: ignore[assignment] - numba reads the file only if this module exists
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "A Numba config file is found")
+            package = _module("numba", "numba")
+    finally:
+        del sys.modules["yaml"]
+        if yaml is not None:
+            sys.modules["yaml"] = yaml
+    config = _module("numba", "numba.core.config")
+    _of("numba", config, "_config_fname")
+    config._config_fname = ""  # because each compilation looks for the file again
+    return package
+
+
+@contextmanager
+def numba_folders_of_environment() -> Iterator[None]:
+    """Context in which environment variables alone choose the folder of cached kernels, and no file does."""
+    config = _module("numba", "numba.core.config")
+    before = {name: getattr(config, name) for name in _NUMBA_FOLDERS if hasattr(config, name)}
+    try:
+        vars(config).update({name: os.environ.get(f"NUMBA_{name}", "") for name in before})
+        yield
+    finally:
+        vars(config).update(before)
 
 
 def numba_internals() -> NumbaInternals:

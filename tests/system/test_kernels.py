@@ -26,8 +26,10 @@ from glpath.scene import path_traceable
 from glpath.system import kernel_cache, kernels
 from glpath.system.kernel_cache import _FOLDER as FOLDER
 from glpath.system.kernel_cache import room_stamp
+from glpath.system.private_interfaces import numba_cache
 from glpath.system.time_limit import limited
 from tests.support.clock import Clock
+from tests.support.repository import ROOT
 
 INNER = """
 from typing import NamedTuple
@@ -121,6 +123,7 @@ class Session:
 
     folder: Path
     compiled: list[str]
+    kernel: Any = None
 
     @property
     def kernel_folder(self) -> Path:
@@ -139,8 +142,15 @@ class Session:
         spec.loader.exec_module(module)
         self.compiled.clear()
         with kernels.announced((), self.compiled.append):
-            result: float = kernels.kernel(module.twice)(2.0)
+            self.kernel = kernels.kernel(module.twice)
+            result: float = self.kernel(2.0)
         return result
+
+    def plant(self, data: Path, content: bytes) -> None:
+        """Replace a kernel by other content with a valid checksum."""
+        (signature,) = self.kernel.signatures
+        cache = numba_cache(self.kernel)
+        data.write_bytes(cache._checksum(signature, self.kernel.targetctx.codegen(), content) + content)
 
 
 @pytest.fixture
@@ -193,19 +203,13 @@ def test_a_damaged_cache_counts_as_none(damage: Callable[[Path], None], session:
 
 
 class Planted:
-    """Writes a file when it is unpickled."""
+    """Makes a folder when it is unpickled."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[str, str]]:
-        return exec, (f"open({str(self.path)!r}, 'w').close()", "")
-
-
-def plant(data: Path, ran: Path) -> None:
-    """Put code in place of a kernel, with the digest that it needs, as another user may do."""
-    content = pickle.dumps(Planted(ran))
-    data.write_bytes(hashlib.sha256(content).digest() + content)
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[str]]:
+        return os.mkdir, (str(self.path),)
 
 
 def folder_of_another_user(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -273,7 +277,7 @@ def test_kernel_that_another_user_could_have_written_is_not_run(
     assert session.call() == 4
     (data,) = session.kernels()
     ran = session.folder / "ran"
-    plant(data, ran)
+    session.plant(data, pickle.dumps(Planted(ran)))
     opened(session, monkeypatch)
     assert session.call() == 4
     assert session.compiled == ["compiling kernels: twice"]
@@ -282,6 +286,36 @@ def test_kernel_that_another_user_could_have_written_is_not_run(
     of_folder = "folder" in opened.__name__
     assert session.compiled == (["compiling kernels: twice"] if of_folder else []), "a bad file is replaced"
     assert caplog.text.count("NUMBA_CACHE_DIR") == of_folder, "one warning for each folder"
+
+
+def test_kernel_made_from_other_inputs_is_not_unpickled(session: Session) -> None:
+    assert session.call() == 4
+    (data,) = session.kernels()
+    content = pickle.dumps(Planted(session.folder / "ran"))
+    data.write_bytes(hashlib.sha256(content).digest() + content)
+    assert session.call() == 4
+    assert not (session.folder / "ran").exists()
+    session.plant(data, content)
+    assert session.call() == 4
+    assert (session.folder / "ran").exists(), "the same content with its inputs' checksum is unpickled"
+
+
+@pytest.mark.parametrize("first", ["glpath", "numba"])
+def test_file_in_current_folder_does_not_choose_kernel_folder(first: str, tmp_path: Path) -> None:
+    pytest.importorskip("yaml", reason="numba reads the file by PyYAML")
+    planted = "cache_dir: planted\ncache_locator_classes: planted.Locator\n"
+    (tmp_path / ".numba_config.yaml").write_text(planted + "disable_jit: 1\n" * (first == "glpath"))
+    code = f"import {first}; from glpath.accel import bvh; from glpath.system.kernels import cache_folder as of; "
+    code += "print(of(bvh._build))"
+    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    environment["PYTHONPATH"] = str(ROOT)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert Path(done.stdout.strip()).name == FOLDER
+    assert tmp_path not in Path(done.stdout.strip()).resolve().parents
+    assert done.stderr == ""
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="a system of users and modes")
