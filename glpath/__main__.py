@@ -14,6 +14,8 @@ def main() -> None:
     A scheduler's signal ends it with the exit code of a command that is started again, if it can resume.
     """
     _open_standard_streams()
+    # Workers of a cluster start by `python -c`, which would import modules from the current folder first.
+    os.environ.setdefault("PYTHONSAFEPATH", "1")
     if asks_to_resume(sys.argv[1:]):
         resume_later_while_loading()
     try:

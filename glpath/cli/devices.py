@@ -242,7 +242,11 @@ def _not_importable(packages: list[str]) -> dict[str, str]:
     modules = {module.lower(): module for module in importlib.metadata.packages_distributions()}
     names = {modules[name.lower()]: name for name in packages if name.lower() in modules}
     done = subprocess.run(
-        [sys.executable, "-c", _IMPORT, *names], capture_output=True, text=True, errors="replace", check=False
+        [sys.executable, "-P", "-c", _IMPORT, *names],  # -P: without modules of the current folder
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
     )
     tried = [line.partition("\t") for line in done.stdout.splitlines() if "\t" in line]
     failed = {names[module]: f"{module} cannot be imported ({why})" for module, _, why in tried if why}

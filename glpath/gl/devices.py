@@ -202,7 +202,16 @@ def start_probe(candidate: Candidate) -> subprocess.Popen[str]:
     package = str(Path(__file__).resolve().parents[2])
     path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
     return subprocess.Popen(
-        [sys.executable, "-c", code, candidate.backend, str(candidate.index), "software" * candidate.software],
+        # -P keeps modules of the current folder from being imported.
+        [
+            sys.executable,
+            "-P",
+            "-c",
+            code,
+            candidate.backend,
+            f"{candidate.index}",
+            "software" * candidate.software,
+        ],
         env={**os.environ, "PYTHONPATH": path},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,

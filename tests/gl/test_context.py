@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import typer
@@ -17,7 +18,7 @@ from typer.testing import CliRunner
 from glpath.cli import devices as devices_cli
 from glpath.errors import ContextError
 from glpath.gl.context import get_context
-from glpath.gl.devices import BACKENDS, DeviceProbe, list_devices
+from glpath.gl.devices import BACKENDS, Candidate, DeviceProbe, list_devices, start_probe
 from glpath.gl.osmesa import load_osmesa
 from tests.support.repository import ROOT
 
@@ -205,6 +206,15 @@ def test_a_driver_that_crashes_only_fails_its_own_probe() -> None:
     )
     assert "SIGSEGV" in out
     assert "False" in out
+
+
+def test_probes_import_no_module_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("json", "numpy", "moderngl"):
+        (tmp_path / f"{name}.py").write_text("open('ran', 'w').close()\n")
+    monkeypatch.chdir(tmp_path)
+    start_probe(Candidate("osmesa", 0, software=True)).communicate()
+    assert devices_cli._not_importable(["numpy"]) == {}
+    assert not (tmp_path / "ran").exists()
 
 
 @pytest.fixture
