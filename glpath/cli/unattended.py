@@ -43,7 +43,7 @@ def checkpointed(
         return
     check_writable(path)
     check_separate("--checkpoint", path, [output for output in out if output != path])
-    with Checkpoint(path, *run.interval) as checkpoint:
+    with Checkpoint(path, *run.interval, is_output=path in out) as checkpoint:
         if not run.resume:
             check_absent(path)
         yield checkpoint, checkpoint.load() if run.resume else None

@@ -11,7 +11,7 @@ from pathlib import Path
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.errors import ImageError
 from glpath.system.checkpoint import CheckpointFile
-from glpath.system.files import real_path, reason_of, remove_parts
+from glpath.system.files import reason_of, remove_parts
 
 _NAME = re.compile(r"([0-9]+)-of-([0-9]+)\.npz")
 # Name of a shard while it is written, see `glpath.system.files.new_file`.
@@ -91,7 +91,7 @@ def remove_shards(folder: Path) -> None:
             if _NAME.fullmatch(path.name) is not None:
                 path.unlink(missing_ok=True)
         if not _content(folder):
-            real_path(folder).rmdir()
+            folder.rmdir()
     except OSError as error:
         raise ImageError(f"{folder}: cannot be removed: {reason_of(error)}.") from error
 

@@ -13,10 +13,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from glpath.errors import ImageError
-from glpath.system.files import real_path, reason_of, remove_parts, rescued
+from glpath.system.files import reason_of, remove_parts, rescued
 from glpath.system.locks import Lock, Locked
 
 log = logging.getLogger("glpath")
@@ -35,6 +35,7 @@ class CheckpointFile(Locked):
     failure : reason why the last checkpoint could not be written; None if it was written
     rescue  : sentence on the temporary file that has the state of a last checkpoint that could not be written
     took    : seconds that the last checkpoint took
+    is_output : True if the path is also an output of the command, which may be a link
     """
 
     #: Names in messages: the holder of the file's lock, and the work that continues after a failed checkpoint.
@@ -48,6 +49,7 @@ class CheckpointFile(Locked):
     failure: str | None = None
     rescue: str = ""
     took: float = 0.0
+    is_output: bool = False
     _last_time: float = field(default_factory=time.monotonic)
     _last_step: int = 0
     _reasons: set[str] = field(default_factory=set)
@@ -55,6 +57,15 @@ class CheckpointFile(Locked):
     def __post_init__(self) -> None:
         self.path = Path(self.path)
         self._lock = Lock(self.path, self.holder)
+
+    def __enter__(self) -> Self:
+        """Lock the file. Raises ImageError for a link, because the file it leads to would be replaced."""
+        if os.path.islink(self.path) and not self.is_output:
+            raise ImageError(
+                f"{self.path}: is a symbolic link; a checkpoint is a file of its own, replaced and removed.",
+                "Remove the link, or name an output in the folder to which it leads.",
+            )
+        return super().__enter__()
 
     def found(self) -> bool:
         """Return True if a checkpoint exists; half-written files of killed processes are removed."""
@@ -95,11 +106,8 @@ class CheckpointFile(Locked):
         return self.failure is None
 
     def remove(self) -> None:
-        """Remove the file if it exists, also the file that a link leads to, as it is the file that was written.
-
-        Raises ImageError if it cannot be removed.
-        """
+        """Remove the file if it exists. Raises ImageError if it cannot be removed."""
         try:
-            real_path(self.path).unlink(missing_ok=True)
+            self.path.unlink(missing_ok=True)
         except OSError as error:
             raise ImageError(f"{self.path}: cannot be removed: {reason_of(error)}.") from error

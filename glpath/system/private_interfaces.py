@@ -69,8 +69,8 @@ _NUMBA_FOLDERS = ("CACHE_DIR", "CACHE_LOCATOR_CLASSES")
 def import_numba() -> Any:
     """Import numba without the settings file in the current folder, and return the package.
 
-    The author of that folder, for example of an archive, could otherwise choose how code is compiled. If the package
-    is imported already, its settings stay.
+    The author of that folder, for example of an archive, could otherwise choose how code is compiled. If the
+    package is imported already, its settings stay.
     """
     if "numba" in sys.modules or not os.path.exists(_NUMBA_FILE):
         return _module("numba", "numba")

@@ -16,7 +16,10 @@ from glpath.daylight.compute import daylight_coefficients
 from glpath.daylight.kept_shards import KeptShards
 from glpath.daylight.kept_words import KeptPass, KeptWords
 from glpath.errors import GlpathError, ImageError
+from glpath.jobs.checkpoint import Checkpoint
 from glpath.jobs.connection import Connection
+from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
+from glpath.system.checkpoint import CheckpointFile
 from tests.support.command_line import run
 from tests.support.weather_files import write_epw
 
@@ -53,19 +56,15 @@ def test_temporary_file_of_a_killed_process_is_removed_from_the_folder(tmp_path:
     assert [path.name for path in tmp_path.iterdir()] == ["2-of-4.npz"]
 
 
-@pytest.mark.parametrize("linked", [False, True])
-def test_only_shards_are_removed_with_their_folder(linked: bool, tmp_path: Path) -> None:
+def test_only_shards_are_removed_with_their_folder(tmp_path: Path) -> None:
     folder = tmp_path / "folder"
     folder.mkdir()
-    path = tmp_path / "dc.npz.part" if linked else folder
-    if linked:
-        path.symlink_to(folder)
     for name in ("1-of-2.npz", "2-of-2.npz", "thesis.tex"):
         (folder / name).touch()
-    DaylightCheckpoint(path).remove()
+    DaylightCheckpoint(folder).remove()
     assert [file.name for file in folder.iterdir()] == ["thesis.tex"]
     (folder / "thesis.tex").unlink()
-    DaylightCheckpoint(path).remove()
+    DaylightCheckpoint(folder).remove()
     assert not folder.exists()
 
 
@@ -75,14 +74,17 @@ def test_second_process_is_refused_a_cluster_s_folder(tmp_path: Path) -> None:
         coefficients(resume=folder, cluster=cluster)
 
 
-def test_checkpoint_file_that_is_a_link_is_followed_to_the_end(tmp_path: Path) -> None:
-    link, target = tmp_path / "part", tmp_path / "scratch"
+@pytest.mark.parametrize("kind", [DaylightCheckpoint, SolverCheckpoint, Checkpoint])
+@pytest.mark.parametrize("exists", [False, True])
+def test_checkpoint_that_is_a_link_is_refused(kind: type[CheckpointFile], exists: bool, tmp_path: Path) -> None:
+    link, target = tmp_path / "part", tmp_path / "old.npz"
     link.symlink_to(target)
-    with DaylightCheckpoint(link) as checkpoint:
-        coefficients(resume=checkpoint)
-        assert target.stat().st_size > 0
-        checkpoint.remove()
-    assert (link.is_symlink(), target.exists()) == (True, False)
+    if exists:
+        target.touch()
+    with pytest.raises(ImageError, match="part: is a symbolic link; a checkpoint is a file of its own"), kind(link):
+        pass
+    kind(link).remove()
+    assert (link.is_symlink(), target.exists()) == (False, exists)
 
 
 @pytest.mark.parametrize("size", [0, 1, 60])
