@@ -77,12 +77,12 @@ def diff(
     """
     from glpath import compare
     from glpath.film.image import write_png
-    from glpath.system.files import check_writable
+    from glpath.system.files import check_outputs
 
     if out is not None:
         if out.suffix.lower() != ".png":
             raise UsageError(f"{out}: the difference is written as .png only.")
-        check_writable(out)
+        check_outputs([out], [image, reference])
     if fail is not None and not fail >= 0:
         raise UsageError(f"--fail {fail}: must be at least 0.")
     if failpercent is not None:

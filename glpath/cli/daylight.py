@@ -237,7 +237,7 @@ def daylight(
     check_shown(shown, texels is not None or from_file, show, weather is not None)
     others = [path for path in out if path not in shown]
     year = year_request(weather, blinds or (), occupied, threshold, ground, hours, others, latitude)
-    check_outputs(out)
+    check_outputs(out, [scene, points, weather, *(blinds or ())])
     saved = next((path for path in out if path.suffix.lower() == ".npz"), out[0])
     options = {
         "subdivision": subdivision,

@@ -74,7 +74,7 @@ def export(
         check_export(path, *settings[path])
     size = None if resolution is None else read_resolution(resolution)
     loaded = seen(read_scene(scene, parameters), size, {})
-    check_outputs(out)
+    check_outputs(out, [scene])
     for path in sorted(out, key=is_stream):  # pipes last, because writing to a pipe may block
         exported(loaded, path, *settings[path])
         if not quiet:

@@ -135,7 +135,7 @@ def horizon(
     check_choice("--progress", progress, MODES)
     for path in out:
         check_kind(path, points is not None, () if points is not None else (".png",))
-    check_outputs(out)
+    check_outputs(out, [field, points, suns])
     if any(path.suffix.lower() == ".png" for path in out):
         from glpath.film.charts import require_matplotlib
 

@@ -24,7 +24,7 @@ from glpath.cli.values import exposure as read_exposure
 from glpath.errors import GlpathError, UsageError
 from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
-from glpath.system.files import check_writable, save_all
+from glpath.system.files import check_outputs, save_all
 from glpath.system.reporting import duration, percent
 from glpath.system.terminal import say
 
@@ -181,7 +181,7 @@ def lightmap(
         require_xatlas()  # fail before anything is read or compiled
     with aside("camera", "picture"):
         loaded = read_scene(scene, parameters)
-    check_writable(out)
+    check_outputs([out], [scene])
     with checkpointed([out], run) as (checkpoint, begun):
         from glpath.bake.files import check_keepable
         from glpath.bake.lightmap import Bake

@@ -218,7 +218,7 @@ def measure(
         assert points is not None, "asked above"
         at = read_points(points, vector("--normal", normal))
     check_within(at, loaded, f"--plane {plane}" if plane is not None else f"--points {points}")
-    check_outputs(out)
+    check_outputs(out, [scene, points])
 
     def start(run: RunOptions) -> Film:
         from glpath.rendering.points import irradiance

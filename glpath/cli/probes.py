@@ -28,7 +28,7 @@ from glpath.cli.values import check_choice, check_spp, numbers
 from glpath.errors import UsageError
 from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
-from glpath.system.files import check_writable, save_all
+from glpath.system.files import check_outputs, save_all
 from glpath.system.reporting import duration
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def probes(
     with aside("camera", "light", "picture"):
         loaded = read_scene(scene, parameters)
     loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
-    check_writable(out)
+    check_outputs([out], [scene])
     where = ProbeGrid.of(loaded, counts, corners, budget_for(loaded, integrator, options))
     points, normals = where.receivers()
 

@@ -187,7 +187,7 @@ def radiosity(
         _check_solved(context, radiosity)
     with nullcontext() if check else aside("camera"):
         loaded = read_scene(scene, parameters)
-    check_outputs(out)
+    check_outputs(out, [scene, radiosity])
     checkpoint = _checkpoint(out, run)
     if adaptive is None and baked and method == "progressive":
         adaptive = 2

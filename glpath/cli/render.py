@@ -227,7 +227,7 @@ def render(
             )
         start, spp = running.of_file(asked), asked.spp
     if many is None:
-        check_outputs(out)
+        check_outputs(out, [scene, job])
         if Path("-") in out and sys.stdout.isatty():
             raise UsageError("-o -: a PNG is no text for a terminal.", "Send it on, e.g. -o - > a.png.")
     else:

@@ -115,7 +115,7 @@ def viewfactors(
     if parameters or groups == "shapes" or file.suffix.lower() not in FORMATS:
         with geometry_alone():
             faces = read_scene(scene, parameters)
-    check_outputs(out)
+    check_outputs(out, [scene])
     part = out[0].with_name(short_name("", out[0].name, ".part")) if run.resume else None
 
     def compute() -> ViewFactors:

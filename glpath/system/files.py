@@ -407,14 +407,25 @@ def check_writable(path: str | Path) -> None:
         raise ImageError(f"{path}: the folder {folder} cannot be written to: {reason_of(error)}.") from error
 
 
-def check_outputs(paths: Sequence[Path]) -> None:
-    """Raise GlpathError if an output cannot be written, or if two names lead to the same file.
+def check_outputs(paths: Sequence[Path], inputs: Iterable[str | Path | None] = ()) -> None:
+    """Raise GlpathError if an output cannot be written, is also an input, or if two names lead to the same file.
+
+    inputs : files that the command reads; None and names that are no files are passed over
 
     A name that is given twice is one output.
     """
+    read = [each for each in inputs if each is not None]
     for index, path in enumerate(paths):
         check_writable(path)
         check_separate("-o", path, [other for other in paths[:index] if other != path])
+        if (same := next((each for each in read if _is_same_file(path, each)), None)) is not None:
+            raise UsageError(f"-o {path}: is the input {same}, which it would replace.", "Name another output.")
+
+
+def _is_same_file(output: Path, other: str | Path) -> bool:
+    with suppress(OSError, ValueError):
+        return not is_stream(output) and os.path.samefile(output, other)
+    return False
 
 
 def check_separate(option: str, path: Path, outputs: Iterable[Path]) -> None:

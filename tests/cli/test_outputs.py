@@ -179,6 +179,38 @@ def test_two_outputs_in_one_file_are_refused_before_rendering(
     assert os.listdir() == ["link.png"]
 
 
+@pytest.mark.parametrize("linked", [False, True])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "lightmap {} -o out.glb",
+        "export {} -o out.glb",
+        "diff {} b.png -o out.png",
+        "diff a.png {} -o out.png",
+        "horizon field.npy --points {} -o out.csv",
+        "measure furnace --normal 0,1,0 --points {} -o out.csv",
+        "radiosity furnace --radiosity {} -o out.npz",
+    ],
+)
+def test_output_that_is_also_an_input_is_refused(
+    command: str, linked: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    out = Path(command.split()[-1])
+    source = Path(f"in{out.suffix}") if linked else out
+    if out.suffix == ".glb":
+        assert run("export", "furnace", "-o", source).exit_code == 0
+    else:
+        source.write_text("0,0,2\n")
+    if linked:
+        out.symlink_to(source)
+    before = source.read_bytes()
+    result = run(*command.format(source).split())
+    assert result.exit_code == 2, result.output
+    assert f"-o {out}: is the input {source}, which it would replace." in " ".join(result.output.split())
+    assert source.read_bytes() == before
+
+
 def test_names_of_one_device_are_separate_outputs(film: Film, tmp_path: Path) -> None:
     result = run("render", "furnace", "-o", tmp_path / "a.png", "-o", tmp_path / "a.png", "--stats", os.devnull)
     assert result.exit_code == 0, result.output
