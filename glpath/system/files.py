@@ -410,16 +410,22 @@ def check_writable(path: str | Path) -> None:
 def check_outputs(paths: Sequence[Path], inputs: Iterable[str | Path | None] = ()) -> None:
     """Raise GlpathError if an output cannot be written, is also an input, or if two names lead to the same file.
 
+    Also raise it, with the name of the process, if another process has locked an output as its checkpoint.
+
     inputs : files that the command reads; None and names that are no files are passed over
 
     A name that is given twice is one output.
     """
+    from glpath.system.locks import check_unlocked  # late, because that module imports this one
+
     read = [each for each in inputs if each is not None]
     for index, path in enumerate(paths):
         check_writable(path)
         check_separate("-o", path, [other for other in paths[:index] if other != path])
         if (same := next((each for each in read if _is_same_file(path, each)), None)) is not None:
             raise UsageError(f"-o {path}: is the input {same}, which it would replace.", "Name another output.")
+        if not is_stream(path):
+            check_unlocked(path)
 
 
 def _is_same_file(output: Path, other: str | Path) -> bool:

@@ -30,6 +30,7 @@ import os
 import socket
 import struct
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -70,6 +71,11 @@ class Lock:
         self._depth = 0
         self._descriptor: int | None = None
         self._whole: Any = None
+
+    @property
+    def exists(self) -> bool:
+        """True if the lock file exists, held or not."""
+        return os.path.lexists(self._file)
 
     def __enter__(self) -> Lock:
         if self._depth == 0:
@@ -197,6 +203,14 @@ class Lock:
             f"Wait until that ends, or end it{end}; or name another output. Once it has ended, however that was, "
             f"{self._file} locks nothing.",
         )
+
+
+def check_unlocked(path: Path) -> None:
+    """Raise GlpathError with the name of the holder if another process has the lock of `path`."""
+    lock = Lock(path, "a render that resumes from it")
+    if lock.exists:
+        with suppress(ImageError), lock:  # a lock file that cannot be opened keeps nobody out
+            pass
 
 
 class Locked:

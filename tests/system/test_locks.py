@@ -19,7 +19,7 @@ import glpath
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film.film import Film
 from glpath.jobs.checkpoint import Checkpoint
-from glpath.system.locks import Lock
+from glpath.system.locks import Lock, check_unlocked
 from tests.support import killing
 from tests.support.command_line import run
 
@@ -50,6 +50,23 @@ def ended(process: subprocess.Popen[str], number: int | None = None) -> int:
         process.send_signal(number)
     process.communicate(timeout=60)
     return process.returncode
+
+
+@pytest.mark.parametrize("command", ["merge keep.npz", "render furnace", "export furnace", "radiosity furnace"])
+def test_output_that_another_process_has_locked_is_refused(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    out = Path("c.glb" if "export" in command else "c.npz")
+    out.write_bytes(b"checkpoint")
+    first = holding(out)
+    result = run(*command.split(), "-o", str(out))
+    assert result.exit_code == 1, result.output
+    assert f"{out}: a render that resumes from it has it already: process {first.pid}" in result.output
+    assert out.read_bytes() == b"checkpoint"
+    assert ended(first, signal.SIGKILL) == -signal.SIGKILL
+    check_unlocked(out)
+    assert not Path(f".{out}.lock").exists(), "a lock file without a holder is removed"
 
 
 def test_who_comes_second_is_told_who_is_first_and_has_it_after_him(tmp_path: Path) -> None:
