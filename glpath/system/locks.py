@@ -209,7 +209,7 @@ def check_unlocked(path: Path) -> None:
     """Raise GlpathError with the name of the holder if another process has the lock of `path`."""
     lock = Lock(path, "a render that resumes from it")
     if lock.exists:
-        with suppress(ImageError), lock:  # a lock file that cannot be opened keeps nobody out
+        with suppress(ImageError), lock:  # a lock file that cannot be opened has no effect
             pass
 
 
