@@ -10,6 +10,7 @@ import tracemalloc
 import warnings
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -470,3 +471,68 @@ def test_few_of_very_many_missing_libraries_are_looked_for(names: Callable[[int]
     assert time.process_time() - start < 5
     assert sum("Material libraries after the first 100" in str(each.message) for each in caught) == 1
     assert len(caught) < 110
+
+
+_PLY = (
+    "ply\nformat ascii 1.0\n{}element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 {}\n3 0 1 2\n"
+)
+_STL = "solid a\n{}facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 {}\nendloop\nendfacet"
+_OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 {}\n{}f 1 2 3\n"
+_NAN, _BLANKS, _CONTINUED = "nan(" + "+nan(" * 20_000, " " * 20_000, "\\\n" * 20_000
+_LONG_LINES = {
+    "a.obj": (
+        _OBJ.format(0, _CONTINUED),
+        _OBJ.format(0, f"map_{'a' * 20_000} \\\n{_CONTINUED}"),
+        _OBJ.format(0, f"#MRGB {'0' * 20_001}\n"),
+        _OBJ.format(_NAN, ""),
+        _OBJ.format(_BLANKS, f"{_BLANKS}g{_BLANKS}"),
+    ),
+    "a.mtl": (_CONTINUED, f"newmtl a\nmap_Kd {' -o 1 1 1' * 3000}", f"newmtl a\nmap_Kd a -o {'1' * 20_000}x"),
+    "a.off": (f"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 {_NAN}\n3 0 1 2\n", f"OFF\n{_CONTINUED}3 1 0\n"),
+    "a.stl": (
+        _STL.format("", _NAN),
+        _STL.format(_CONTINUED, 0),
+        _STL.format(f"solid facet{_BLANKS}\n" + "solid facet " * 2000, 0),
+        _STL.format("solid facet" + "\n" * 20_000, 0),
+    ),
+    "a.ply": (
+        _PLY.format("", _NAN),
+        _PLY.format(f"comment TextureFile{_BLANKS}\n", 0),
+        _PLY.format(f"comment {'TextureFile ' * 2000}\n", 0),
+        _PLY.format(f"comment\n{_BLANKS}end_header{_BLANKS}x\n", 0),
+    ),
+    "a.toml": (
+        f"{_BLANKS}x=1",
+        f"[[{_BLANKS}x",
+        f"x={{{'a.' * 20_000}a=1}}",
+        f'"{_BLANKS}{_BLANKS}',
+        "[" * 20_000,
+        f"{'x' * 20_000} {_BLANKS}",
+    ),
+    "a.ies": (f"IESNA:LM-63-2002\n{_BLANKS}TILT={_BLANKS}x\n", f"IESNA91\nTILT=NONE\n{'1,' * 20_000}x"),
+    "a.xml": (
+        SCENE.format(f'<sensor type="perspective"><string name="focal_length" value="{_BLANKS}1"/></sensor>'),
+    ),
+}
+
+
+@pytest.mark.filterwarnings("ignore::glpath.SceneWarning")
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [(name, text) for name, texts in _LONG_LINES.items() for text in texts],
+    ids=lambda each: each[:9],
+)
+def test_a_line_of_one_long_pattern_is_read_in_linear_time(name: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    scene = tmp_path / name
+    if name == "a.mtl":
+        scene = tmp_path / "a.obj"
+        scene.write_text("mtllib a.mtl\nusemtl a\n" + _OBJ.format(0, ""))
+    elif name == "a.ies":
+        scene = tmp_path / "a.toml"
+        scene.write_text('[[lights]]\ntype = "point"\nposition = [0, 0, 0]\nprofile = "a.ies"\n')
+    begun = time.process_time()
+    with suppress(GlpathError):
+        glpath.load_scene(scene)
+    assert time.process_time() - begun < 1.5
