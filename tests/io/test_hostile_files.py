@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import time
 import tracemalloc
 import warnings
 import zlib
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -22,6 +24,7 @@ from glpath.cli.point_files import read_points
 from glpath.errors import GlpathError, ImageError
 from glpath.film.image import read_environment
 from glpath.io.mitsuba.document import read_document
+from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.io.weather import read_weather
 from glpath.rendering import RenderJob
 from glpath.scene.digest import digest_of
@@ -471,6 +474,28 @@ def test_few_of_very_many_missing_libraries_are_looked_for(names: Callable[[int]
     assert time.process_time() - start < 5
     assert sum("Material libraries after the first 100" in str(each.message) for each in caught) == 1
     assert len(caught) < 110
+
+
+def test_folders_are_listed_once_for_many_missing_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for i in range(5):
+        (tmp_path / f"folder{i}").mkdir()
+    (tmp_path / "folder3" / "Tile.PNG").touch()
+    listed = Counter[str]()
+    for name in ("listdir", "scandir"):
+        real = getattr(os, name)
+
+        def list_and_count(path: Path, name: str = name, real: Callable[[Path], object] = real) -> object:
+            listed[f"{name} {path}"] += 1
+            return real(path)
+
+        monkeypatch.setattr(os, name, list_and_count)
+    files = NamedFiles()
+    for i in range(20):
+        with pytest.raises(UnusableError, match="which does not exist"):
+            files.find(tmp_path, f"a/b/missing-{i}\u00e9.png")
+    assert files.find(tmp_path, "C:/textures/tile.png") == tmp_path / "folder3" / "Tile.PNG"
+    assert len(listed) >= 7
+    assert max(listed.values()) == 1
 
 
 _PLY = (
