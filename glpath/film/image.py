@@ -507,7 +507,10 @@ def _exr(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
 
 
 def _exr_header(path: Path) -> tuple[tuple[int, int], dict[str, Any]]:
-    """Read (height, width) and the header of an EXR. Raises ValueError if the file is too small for its pixels."""
+    """Read (height, width) and the header of the first part of an EXR.
+
+    Raises ValueError if the file is too small for the pixels of all parts, because OpenEXR decodes all of them.
+    """
     import OpenEXR
 
     with path.open("rb") as file:  # errors of the system are clearer than those of OpenEXR
@@ -516,12 +519,17 @@ def _exr_header(path: Path) -> tuple[tuple[int, int], dict[str, Any]]:
             with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
                 _check_exr_entries(data)
     with _openexr(path) as name:
-        header = OpenEXR.File(name, header_only=True).header()
-    first, last = (corner.astype(np.int64) for corner in header["dataWindow"])
-    width, height = (last - first + 1).tolist()
-    channels = len(header["channels"])
-    check_unfolded(width * height * 4 * channels, size, width * height * max(8 * channels, FLOAT_PIXEL))
-    return (height, width), header
+        headers = [part.header for part in OpenEXR.File(name, header_only=True).parts]
+    sizes, unfolded, decoded = [], 0, 0
+    for header in headers:
+        first, last = (corner.astype(np.int64) for corner in header["dataWindow"])
+        width, height = (last - first + 1).tolist()
+        channels = len(header["channels"])
+        sizes.append((height, width))
+        unfolded += width * height * 4 * channels
+        decoded += width * height * max(8 * channels, FLOAT_PIXEL)
+    check_unfolded(unfolded, size, decoded)
+    return sizes[0], headers[0]
 
 
 def _check_exr_entries(data: mmap.mmap) -> None:

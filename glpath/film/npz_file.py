@@ -6,6 +6,7 @@ Files may be damaged or hostile, so the arrays read are checked for consistency.
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +19,7 @@ from glpath.film.batches import BATCHES, BLOCK, counts_of, disjoint
 from glpath.film.cryptomatte import ShapeCounts
 from glpath.film.metadata import FilmMetadata, metadata_of
 from glpath.system.files import whole_file
-from glpath.system.npz import open_npz
+from glpath.system.npz import check_unfolded, open_npz
 
 #: Format number of the file; other formats are rejected. A film without a number has format 1.
 FORMAT = 1
@@ -84,8 +85,12 @@ def read_parts(path: str | Path) -> FilmParts:
         ranges = stored.read("ranges", "iu", (None, 2)).astype(np.int64)
         if not disjoint(ranges) or not np.array_equal(counts_of(ranges), counts):
             raise ValueError("its ranges of path sets overlap, or are not what its batches count")
-        film = FilmParts.empty(metadata)
         used = counts > 0
+        # A film without path sets counts as one batch, because its readers allocate as much.
+        width, height = metadata.window[2:]
+        numbers = 3 * max(1, int(used.sum())) + sum(metadata.aov_sums.values())
+        check_unfolded(8 * width * height * numbers, os.path.getsize(path))
+        film = FilmParts.empty(metadata)
         sums = stored.read("radiance_sums", "f", (int(used.sum()), *film.radiance_sums.shape[1:]))
         if not (np.abs(sums) <= _LARGEST_SUM).all():
             raise ValueError(f"it holds sums that are NaN or infinite, or beyond {_LARGEST_SUM:g}")

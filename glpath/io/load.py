@@ -46,7 +46,7 @@ _DEEPEST = 100
 _SHOWN = 120
 # Dotted key of more than a hundred parts, `a.a.a...`, because tomllib takes time quadratic in the number of parts.
 _DEEP_KEY = re.compile(
-    r"""^[ \t]*\[{0,2}[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""", re.MULTILINE
+    r"""(?:^|[{,])[ \t]*(?:\[{1,2}[ \t]*)?(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""", re.MULTILINE
 )
 _LIGHT = ("emission", "emissive", "emission_color", "emissive_color", "radiance", "ke", "light")
 # Tables that occur once in a scene file, and their types.

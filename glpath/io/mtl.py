@@ -96,7 +96,7 @@ class Library:
         if self._count > _MAX_LIBRARIES:
             return
         try:
-            spelt_file(self.folder, name)
+            spelt_file(self.folder, name, self.pictures.files.folders)
             names = [name]
         except UnusableError:
             names = name.split() or [name]

@@ -29,6 +29,33 @@ _LISTED = 10
 _LONGEST = 120
 
 
+class Folders:
+    """Listings of folders, each read once."""
+
+    def __init__(self) -> None:
+        self._names: dict[Path, dict[str, str] | None] = {}
+        self._subfolders: dict[Path, list[str]] = {}
+
+    def names(self, folder: Path) -> dict[str, str] | None:
+        """Return the first entry for each name in folded case; None if the folder cannot be listed."""
+        if folder not in self._names:
+            try:
+                self._names[folder] = {_folded(each): each for each in sorted(os.listdir(folder), reverse=True)}
+            except (OSError, ValueError):  # ValueError for a NUL
+                self._names[folder] = None
+        return self._names[folder]
+
+    def subfolders(self, folder: Path) -> list[str]:
+        """Return the names of the first subfolders in alphabetical order; [] if the folder cannot be listed."""
+        if folder not in self._subfolders:
+            try:
+                names = sorted(each.name for each in os.scandir(folder) if each.is_dir())
+            except OSError:
+                names = []
+            self._subfolders[folder] = names[:_MAX_FOLDERS]
+        return self._subfolders[folder]
+
+
 class UnusableError(Exception):
     """Reason why a file that a model names is not used, as the end of a sentence: "which does not exist"."""
 
@@ -39,11 +66,13 @@ class NamedFiles:
 
     moved    : description, by name, of the file that is read instead of a missing one
     unusable : reason, by name, why a picture is not used
+    folders  : listings of the folders that were searched
     """
 
     moved: dict[str, str] = field(default_factory=dict)
     unusable: dict[str, str] = field(default_factory=dict)
     _paths: dict[tuple[Path, str], Path | UnusableError] = field(default_factory=dict)
+    folders: Folders = field(default_factory=Folders)
 
     def find(self, folder: Path, name: str) -> Path:
         """Return the file as `spelt_file` does, or else a file of the same base name elsewhere in the folder.
@@ -54,7 +83,7 @@ class NamedFiles:
         key = (folder, name)
         if key not in self._paths:
             try:
-                self._paths[key] = spelt_file(folder, name)
+                self._paths[key] = spelt_file(folder, name, self.folders)
             except UnusableError as error:
                 self._paths[key] = self._elsewhere(folder, name) or error
         found = self._paths[key]
@@ -64,7 +93,8 @@ class NamedFiles:
 
     def _elsewhere(self, folder: Path, name: str) -> Path | None:
         spellings = (name, *_spellings(name))
-        paths = next(filter(None, (_of_base_name(folder, _parts(each)) for each in spellings)), None)
+        found = (_of_base_name(folder, _parts(each), self.folders) for each in spellings)
+        paths = next(filter(None, found), None)
         if not paths:
             return None
         others = f" (one of {len(paths)} files of that name)" if len(paths) > 1 else ""
@@ -87,18 +117,20 @@ class NamedFiles:
         return texts
 
 
-def named_file(folder: Path, name: str) -> Path:
+def named_file(folder: Path, name: str, folders: Folders | None = None) -> Path:
     """Return the file that a name means in a model's folder or its subfolders; the case of letters may differ.
 
     Backslashes separate folders as well. Links are followed before the check that the file is inside the folder.
     Raises UnusableError.
+
+    folders : listings of earlier searches
     """
     path = folder / name.replace("\\", "/")
     try:
         is_inside = _is_inside(path, folder)
         if is_inside and os.path.isfile(path):
             return path
-        if (similar := _in_any_case(folder, _parts(name))) is not None:
+        if (similar := _in_any_case(folder, _parts(name), folders or Folders())) is not None:
             return similar
         if not is_inside or _has_drive(name):
             raise UnusableError("which is outside the folder of the model")
@@ -107,17 +139,17 @@ def named_file(folder: Path, name: str) -> Path:
         raise UnusableError(f"which cannot be read: {reason_of(error)}") from error
 
 
-def spelt_file(folder: Path, name: str) -> Path:
+def spelt_file(folder: Path, name: str, folders: Folders | None = None) -> Path:
     """Return the file as `named_file` does, also if the name is in quotes or in another encoding.
 
     Raises UnusableError.
     """
     try:
-        return named_file(folder, name)
+        return named_file(folder, name, folders)
     except UnusableError:
         for each in _spellings(name):
             with suppress(UnusableError):
-                return named_file(folder, each)
+                return named_file(folder, each, folders)
         raise
 
 
@@ -159,18 +191,18 @@ def _parts(name: str) -> list[str]:
     return [part for part in name.replace("\\", "/").split("/") if part not in ("", ".")]
 
 
-def _of_base_name(folder: Path, parts: Sequence[str]) -> list[Path]:
+def _of_base_name(folder: Path, parts: Sequence[str], folders: Folders) -> list[Path]:
     """Return the files in a folder and its subfolders with the base name of a path, most similar paths first."""
     ends = [parts[start:] for start in range(max(len(parts) - _MAX_PARTS, 0), len(parts))]
-    try:
-        names = sorted(each.name for each in os.scandir(folder) if each.is_dir())[:_MAX_FOLDERS] if parts else []
-    except OSError:
-        names = []
-    found = (_in_any_case(folder, each) for each in (*ends, *([name, parts[-1]] for name in names)))
+    for name in folders.subfolders(folder) if parts else ():
+        names = folders.names(folder / name)
+        if names is None or _folded(parts[-1]) in names:
+            ends.append([name, parts[-1]])
+    found = (_in_any_case(folder, each, folders) for each in ends)
     return list(dict.fromkeys(path for path in found if path is not None))
 
 
-def _in_any_case(folder: Path, parts: Sequence[str]) -> Path | None:
+def _in_any_case(folder: Path, parts: Sequence[str], folders: Folders) -> Path | None:
     """Return the file at a path below a folder, in any case; None if it does not exist or a link leads outside."""
     path = folder
     try:
@@ -178,11 +210,10 @@ def _in_any_case(folder: Path, parts: Sequence[str]) -> Path | None:
             if part == "..":
                 return None
             if not os.path.exists(path / part):
-                folded = _folded(part)
-                alike = sorted(each for each in os.listdir(path) if _folded(each) == folded)
-                if not alike:
+                similar = (folders.names(path) or {}).get(_folded(part))
+                if similar is None:
                     return None
-                part = alike[0]
+                part = similar
             path /= part
         if path.is_file() and _is_inside(path, folder):
             return path

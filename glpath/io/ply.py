@@ -33,7 +33,7 @@ _CODES |= {("u", size): code.upper() for (kind, size), code in _CODES.items() if
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = re.compile(rb"(?:^|[\r\n])[ \t]*end_header[ \t]*(?=[\r\n]|$)")
 _LINE_END = re.compile(rb"\r\n|\n|\r")
-_TEXTURE = re.compile(r"TextureFile\s+(.*\S)")
+_TEXTURE = re.compile(r"TextureFile\s(.*)")
 #: Maximum number of properties of an element.
 MAX_PROPERTIES = 4096
 # Maximum length of lists in rows that are read together as a table. Rows with longer lists are read one by one.
@@ -130,8 +130,8 @@ def read_header(content: bytes) -> Header:
         line = decoded(raw)
         match line.split():
             case ["comment" | "obj_info", *_]:
-                if named := _TEXTURE.search(line):
-                    textures.append(named[1])
+                if (named := _TEXTURE.search(line)) and (name := named[1].strip()):
+                    textures.append(name)
             case ["format", ("ascii" | "binary_little_endian" | "binary_big_endian") as name, *_]:
                 format_name = name
             case ["element", name, count] if count.isdecimal() and len(count) < 19:

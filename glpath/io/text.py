@@ -21,7 +21,7 @@ from glpath.system.time_limit import check_time
 
 # NaN as Microsoft's C libraries write it: `1.#QNAN` in the old library, where # begins no comment, and `nan(ind)`
 # in the new one.
-_NAN = re.compile(r"\b1\.#(?:QNAN|SNAN|IND)\d*|(?<![^\s+-])nan\([^)\s]*\)(?!\S)", re.IGNORECASE)
+_NAN = re.compile(r"\b1\.#(?:QNAN|SNAN|IND)\d*|(?<![^\s+-])nan\(\w*\)(?!\S)", re.IGNORECASE)
 # Infinity as the old library writes it, such as `1.#INF`.
 _INFINITE = re.compile(r"\b1\.#(?:INF|J)\d*", re.IGNORECASE)
 # Keywords of statements with a name, which may look like a number or contain #.
@@ -148,18 +148,21 @@ def _number(word: str) -> float:
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Yield the number of the line on which each statement begins, from 1, and its text without comments."""
-    begun, before = 0, ""
+    begun, is_name = 0, False
+    before: list[str] = []  # continued lines of the statement
     # str.splitlines also splits at characters such as U+0085, which may be bytes of letters.
     for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
         begun, line = begun or number, line.rstrip(_BLANKS)
         if "#" in line or "(" in line or line.endswith("\\"):
-            is_name = _OF_NAMES.match(before or line) is not None
+            if len(before) < 2:  # later lines do not change the keyword
+                is_name = _OF_NAMES.match(before[0] if before else line) is not None
             if not is_name:
                 line = with_plain_nan(line).partition("#")[0].rstrip()
             if line.endswith(_CONTINUED if is_name else "\\"):
-                before += line[:-1] + " "
+                if before or line[:-1].strip():
+                    before.append(line[:-1] + " ")
                 continue
-        yield begun, before + line
-        begun, before = 0, ""
+        yield begun, "".join(before) + line
+        begun, before = 0, []
     if before:
-        yield begun, before
+        yield begun, "".join(before)

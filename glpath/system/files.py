@@ -88,6 +88,7 @@ _LOOK_S = 0.02
 # Interval between checks of the time limit while a pipe is silent, milliseconds.
 _SILENCE_MS = 200
 _PART_BYTES = 1 << 20
+_MORE_MEMORY = "Close other programs, or use a machine with more memory."
 # Maximum ratio of a sparse file's size to its data. Files above it are refused.
 _HOLES_RATIO = 64
 # Size up to which any sparse file is allowed, bytes.
@@ -577,6 +578,8 @@ def reading(path: str | Path, what: str, remedy: str = "") -> Iterator[None]:
         raise
     except FileNotFoundError as error:
         raise ImageError(f"{path}: there is no such file.", remedy) from error
+    except MemoryError as error:
+        raise ImageError(f"{path}: needs more memory than is free: {reason_of(error)}.", _MORE_MEMORY) from error
     except Exception as error:  # libraries raise any type for a damaged file
         raise ImageError(f"{path}: cannot be read as {what}: {reason_of(error)}.", remedy) from error
 

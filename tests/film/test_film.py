@@ -180,6 +180,29 @@ def test_an_empty_film_comes_back_from_npz(make_film: MakeFilm, tmp_path) -> Non
     assert same(Film.load(tmp_path / "empty.npz"), make_film([]))
 
 
+def test_a_window_that_a_small_film_cannot_fill_is_refused(make_film: MakeFilm, tmp_path) -> None:
+    make_film([]).save(tmp_path / "a.npz")
+    arrays = dict(np.load(tmp_path / "a.npz"))
+    metadata = json.loads(str(arrays["metadata"])) | {"window": [0, 0, 8000, 8000], "full_resolution": [8000, 8000]}
+    arrays |= {"metadata": json.dumps(metadata), "radiance_sums": np.zeros((0, 8000, 8000, 3))}
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(ImageError, match=r"a\.npz: .* unfold to .* GB; no more than 64 times is read"):
+        Film.load(tmp_path / "a.npz")
+
+
+def test_a_film_that_needs_too_much_memory_is_not_said_to_be_no_film(
+    make_film: MakeFilm, tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_film([]).save(tmp_path / "a.npz")
+
+    def fail(metadata: FilmMetadata) -> None:
+        raise MemoryError("Unable to allocate 11.4 GiB")
+
+    monkeypatch.setattr("glpath.film.npz_file.FilmParts.empty", fail)
+    with pytest.raises(ImageError, match=r"a\.npz: needs more memory than is free: Unable to allocate 11\.4 GiB\."):
+        Film.load(tmp_path / "a.npz")
+
+
 def test_exr_and_png_hold_the_picture_and_how_it_was_made(make_film: MakeFilm, tmp_path) -> None:
     film = make_film([(0, 32)], (6, 4), full_resolution=(10, 9), window=(3, 5, 6, 4))
     film.save(tmp_path / "a.exr")

@@ -249,6 +249,23 @@ def test_exr_of_very_many_channels_or_attributes_is_refused(tmp_path: Path) -> N
             image.read_image(path)
 
 
+def test_later_parts_of_an_exr_count_against_the_limit_of_unfolded_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts, display = [], (np.zeros(2, np.int32), np.full(2, 255, np.int32))
+    for name, side in (("a", 16), ("b", 256)):
+        window = np.zeros(2, np.int32), np.full(2, side - 1, np.int32)
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        header |= {"dataWindow": window, "displayWindow": display}
+        channels = {channel: np.zeros((side, side), np.float32) for channel in "RGB"}
+        parts.append(OpenEXR.Part(header, channels, name))
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    assert image.read_image(tmp_path / "a.exr").shape == (16, 16, 3)
+    monkeypatch.setattr("glpath.system.npz._UNFOLDED", 1 << 16)
+    with pytest.raises(ImageError, match=r"a\.exr: .* unfold to .* GB; no more than 64 times is read"):
+        image.read_image(tmp_path / "a.exr")
+
+
 @pytest.mark.parametrize("stop", [ValueError, KeyboardInterrupt])
 def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path, stop: type[BaseException]) -> None:
     path = tmp_path / "a.png"

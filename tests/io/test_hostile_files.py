@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import subprocess
 import sys
@@ -9,7 +10,9 @@ import time
 import tracemalloc
 import warnings
 import zlib
+from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +24,7 @@ from glpath.cli.point_files import read_points
 from glpath.errors import GlpathError, ImageError
 from glpath.film.image import read_environment
 from glpath.io.mitsuba.document import read_document
+from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.io.weather import read_weather
 from glpath.rendering import RenderJob
 from glpath.scene.digest import digest_of
@@ -470,3 +474,90 @@ def test_few_of_very_many_missing_libraries_are_looked_for(names: Callable[[int]
     assert time.process_time() - start < 5
     assert sum("Material libraries after the first 100" in str(each.message) for each in caught) == 1
     assert len(caught) < 110
+
+
+def test_folders_are_listed_once_for_many_missing_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for i in range(5):
+        (tmp_path / f"folder{i}").mkdir()
+    (tmp_path / "folder3" / "Tile.PNG").touch()
+    listed = Counter[str]()
+    for name in ("listdir", "scandir"):
+        real = getattr(os, name)
+
+        def list_and_count(path: Path, name: str = name, real: Callable[[Path], object] = real) -> object:
+            listed[f"{name} {path}"] += 1
+            return real(path)
+
+        monkeypatch.setattr(os, name, list_and_count)
+    files = NamedFiles()
+    for i in range(20):
+        with pytest.raises(UnusableError, match="which does not exist"):
+            files.find(tmp_path, f"a/b/missing-{i}\u00e9.png")
+    assert files.find(tmp_path, "C:/textures/tile.png") == tmp_path / "folder3" / "Tile.PNG"
+    assert len(listed) >= 7
+    assert max(listed.values()) == 1
+
+
+_PLY = (
+    "ply\nformat ascii 1.0\n{}element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 {}\n3 0 1 2\n"
+)
+_STL = "solid a\n{}facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 {}\nendloop\nendfacet"
+_OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 {}\n{}f 1 2 3\n"
+_NAN, _BLANKS, _CONTINUED = "nan(" + "+nan(" * 20_000, " " * 20_000, "\\\n" * 20_000
+_LONG_LINES = {
+    "a.obj": (
+        _OBJ.format(0, _CONTINUED),
+        _OBJ.format(0, f"map_{'a' * 20_000} \\\n{_CONTINUED}"),
+        _OBJ.format(0, f"#MRGB {'0' * 20_001}\n"),
+        _OBJ.format(_NAN, ""),
+        _OBJ.format(_BLANKS, f"{_BLANKS}g{_BLANKS}"),
+    ),
+    "a.mtl": (_CONTINUED, f"newmtl a\nmap_Kd {' -o 1 1 1' * 3000}", f"newmtl a\nmap_Kd a -o {'1' * 20_000}x"),
+    "a.off": (f"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 {_NAN}\n3 0 1 2\n", f"OFF\n{_CONTINUED}3 1 0\n"),
+    "a.stl": (
+        _STL.format("", _NAN),
+        _STL.format(_CONTINUED, 0),
+        _STL.format(f"solid facet{_BLANKS}\n" + "solid facet " * 2000, 0),
+        _STL.format("solid facet" + "\n" * 20_000, 0),
+    ),
+    "a.ply": (
+        _PLY.format("", _NAN),
+        _PLY.format(f"comment TextureFile{_BLANKS}\n", 0),
+        _PLY.format(f"comment {'TextureFile ' * 2000}\n", 0),
+        _PLY.format(f"comment\n{_BLANKS}end_header{_BLANKS}x\n", 0),
+    ),
+    "a.toml": (
+        f"{_BLANKS}x=1",
+        f"[[{_BLANKS}x",
+        f"x={{{'a.' * 20_000}a=1}}",
+        f'"{_BLANKS}{_BLANKS}',
+        "[" * 20_000,
+        f"{'x' * 20_000} {_BLANKS}",
+    ),
+    "a.ies": (f"IESNA:LM-63-2002\n{_BLANKS}TILT={_BLANKS}x\n", f"IESNA91\nTILT=NONE\n{'1,' * 20_000}x"),
+    "a.xml": (
+        SCENE.format(f'<sensor type="perspective"><string name="focal_length" value="{_BLANKS}1"/></sensor>'),
+    ),
+}
+
+
+@pytest.mark.filterwarnings("ignore::glpath.SceneWarning")
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [(name, text) for name, texts in _LONG_LINES.items() for text in texts],
+    ids=lambda each: each[:9],
+)
+def test_a_line_of_one_long_pattern_is_read_in_linear_time(name: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    scene = tmp_path / name
+    if name == "a.mtl":
+        scene = tmp_path / "a.obj"
+        scene.write_text("mtllib a.mtl\nusemtl a\n" + _OBJ.format(0, ""))
+    elif name == "a.ies":
+        scene = tmp_path / "a.toml"
+        scene.write_text('[[lights]]\ntype = "point"\nposition = [0, 0, 0]\nprofile = "a.ies"\n')
+    begun = time.process_time()
+    with suppress(GlpathError):
+        glpath.load_scene(scene)
+    assert time.process_time() - begun < 1.5

@@ -375,7 +375,7 @@ class _Shapes:
         if number not in self.parts:
             self.parts[number] = self._parts(number)
         for part in self.parts[number]:
-            self._count(len(part.mesh.faces), part.primitive)
+            self._count(len(part.mesh.faces), index)
             part.nodes.append(index)
             geometry = self._turned(part.mesh) if self._mirrored[index] else part.mesh
             key = (geometry, part.surface, -1)
@@ -410,13 +410,16 @@ class _Shapes:
             self.turned[mesh] = mesh.turned()
         return self.turned[mesh]
 
-    def _count(self, triangles: int, primitive: Table) -> None:
+    def _count(self, triangles: int, node: int) -> None:
+        """Count the triangles of a node's instances. Raises SceneError if the total exceeds the limits."""
         self.triangles += triangles
-        if self.triangles > limits.MAX_TRIANGLES:
-            raise primitive.location.error(
-                f"brings the model, with all instances, to {self.triangles:,} triangles; at most "
-                f"{limits.MAX_TRIANGLES:,} are read.",
-                "Simplify the model.",
+        allowed = max(limits.ALWAYS_TRIANGLES, limits.MAX_TRIANGLES_RATIO * self.document.stored)
+        allowed = min(allowed, limits.MAX_TRIANGLES)
+        if self.triangles > allowed:
+            raise self.nodes.tables[node].location.error(
+                f"brings the model, with all instances, to {self.triangles:,} triangles, but files of "
+                f"{self.document.stored:,} bytes may have {allowed:,}.",
+                "Use fewer instances, or simplify the model.",
             )
 
     def _add_node(self, index: int) -> None:
@@ -476,7 +479,7 @@ class _Shapes:
         if flat.any():
             self._add_flat(name, mesh, surface, maps[flat], primitive, node)
         mirrored = determinant < 0
-        self._count(len(mesh.faces) * int(np.count_nonzero(~flat)), primitive)
+        self._count(len(mesh.faces) * int(np.count_nonzero(~flat)), node)
         self._check_extent(mesh, maps[~flat], primitive)
         for chosen, suffix in ((~flat & ~mirrored, ""), (~flat & mirrored, _MIRRORED)):
             if not chosen.any():

@@ -252,6 +252,26 @@ def test_a_small_file_does_not_unfold_to_gigabytes(tmp_path: Path) -> None:
     assert "may unfold" in str(refused(file.write(tmp_path)))
 
 
+@pytest.mark.parametrize("is_one_node", [False, True], ids=["nodes", "gpu-instances"])
+def test_instances_of_a_small_file_do_not_unfold_without_limit(
+    is_one_node: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_TRIANGLES", 999)
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_TRIANGLES_RATIO", 0)
+    file = Gltf()
+    mesh = file.mesh(indices=[0, 1, 2] * 10)
+    if is_one_node:
+        zeros = file.add("accessors", componentType=5126, count=100, type="VEC3")
+        extensions = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": zeros}}}
+        nodes = [file.node(mesh=mesh, extensions=extensions)]
+    else:
+        nodes = [file.node(mesh=mesh) for _ in range(100)]
+    file.add("scenes", nodes=nodes)
+    error = str(refused(file.write(tmp_path)))
+    assert f"nodes[{nodes[-1]}] brings the model, with all instances, to 1,000 triangles" in error
+    assert "bytes may have 999." in error
+
+
 @pytest.mark.parametrize("module", ["meshopt", "DracoPy", "opengl_basisu"])
 def test_broken_compressed_data_are_refused(module: str, tmp_path: Path) -> None:
     pytest.importorskip(module, reason="needs the extras gltf and ktx2")
