@@ -38,6 +38,7 @@ from glpath.scene.model import Mesh, Scene
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 from glpath.system.suggestions import similar_names
+from glpath.system.time_limit import check_time
 
 _WORDS = {"float": "a number", "int": "a whole number", "str": "a text in quotes", "bool": "true or false"}
 _WORDS |= {"array": "a list", "object": "a table"}
@@ -197,6 +198,7 @@ def _without_meshes(
     meshes: dict[int, Mesh | Chunks] = {}
     shapes = []
     for index, shape in enumerate(data["shapes"]):
+        check_time()
         here = location.field("shapes").item(index)
         if isinstance(shape, Mapping) and shape.get("type", "stream") == "stream" and "stream" in shape:
             meshes[index] = shape["stream"]
@@ -214,6 +216,7 @@ def _plain(value: Any, depth: int = 0) -> Any:
     """Return `value` with numpy arrays and tuples as lists. Raises RecursionError if it is nested too deeply."""
     if depth > _DEEPEST:
         raise RecursionError
+    check_time()
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -227,6 +230,7 @@ def _unusable(value: Any) -> list[str | int] | None:
     """Return the keys that lead to the first number that is NaN, infinite or too large for the GPU, or None."""
     if isinstance(value, float | int):
         return None if abs(value) <= LARGEST else []
+    check_time()
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, item in items:
         rest = _unusable(item)

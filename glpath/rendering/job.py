@@ -51,6 +51,7 @@ from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor, SensorKey
 from glpath.system.arguments import check_count, check_word
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, whole_file
 from glpath.system.suggestions import listed_names, similar_names
+from glpath.system.time_limit import preparing_scene
 
 Window = tuple[int, int, int, int]
 
@@ -351,7 +352,8 @@ def describe(
         loaded, starts = sensor.seen(loaded), sensor
     spp = settings.default_spp if spp is None else spp
     window = window_of(starts.resolution, crop)
-    source = SceneSource.of(scene, loaded, parameters)
+    with preparing_scene():
+        source = SceneSource.of(scene, loaded, parameters)
     path_sets = (int(first_path_set), int(first_path_set) + int(spp))
     return RenderJob(source, settings, starts, window, path_sets), loaded
 

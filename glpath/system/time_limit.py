@@ -206,6 +206,13 @@ def named_work(doing: str) -> Iterator[None]:
         _work.reset(token)
 
 
+@contextmanager
+def preparing_scene() -> Iterator[None]:
+    """Context for work on a loaded scene before a render, without a limit if the caller has an earlier result."""
+    with without_limit_if_resumed(), named_work("preparing the scene"):
+        yield
+
+
 def check_time(doing: str | None = None) -> None:
     """Raise TimeLimitError if the limit and its grace are over.
 
