@@ -171,9 +171,7 @@ def scene_of(
         raise _too_deep(location) from error
     keys = _unusable(plain)
     if keys is not None:
-        number, here = plain, location
-        for key in keys:
-            number, here = number[key], here.item(key) if isinstance(key, int) else here.field(key)
+        number, here = functools.reduce(operator.getitem, keys, plain), _at_keys(location, keys)
         raise here.wrong(number, f"a finite number between -{LARGEST:g} and {LARGEST:g}")
     _name_default_types(plain)
     try:
@@ -226,6 +224,12 @@ def _plain(value: Any, depth: int = 0) -> Any:
     return value
 
 
+def _at_keys(location: SourceLocation, keys: Sequence[str | int]) -> SourceLocation:
+    for key in keys:
+        location = location.item(key) if isinstance(key, int) else location.field(key)
+    return location
+
+
 def _unusable(value: Any) -> list[str | int] | None:
     """Return the keys that lead to the first number that is NaN, infinite or too large for the GPU, or None."""
     if isinstance(value, float | int):
@@ -234,6 +238,18 @@ def _unusable(value: Any) -> list[str | int] | None:
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, item in items:
         rest = _unusable(item)
+        if rest is not None:
+            return [key, *rest]
+    return None
+
+
+def _keys_of_text(value: Any, text: str) -> list[str | int] | None:
+    """Return the keys that lead to a text, as a value or as a key of a dictionary; None if it is absent."""
+    if isinstance(value, str):
+        return [] if value == text else None
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, item in items:
+        rest = [] if key == text else _keys_of_text(item, text)
         if rest is not None:
             return [key, *rest]
     return None
@@ -284,6 +300,11 @@ def _other_files(path: Path) -> str:
 
 def _explained(error: msgspec.ValidationError, kind: Any, data: Any, location: SourceLocation) -> SceneError:
     """Return the SceneError for a failed conversion of `data` at `location` to the type `kind`."""
+    if isinstance(error.__cause__, UnicodeEncodeError):
+        keys = _keys_of_text(data, error.__cause__.object) or []
+        return _at_keys(location, keys).error(
+            "has text with a lone surrogate, which UTF-8 cannot encode.", "Decode the text from bytes as UTF-8."
+        )
     text, _, path = str(error).partition(" - at `$")
     keys = re.findall(r"\.(\w+)|\[(\d+|\.\.\.)\]", path)
     declared: Any = inspect.type_info(kind)
