@@ -354,7 +354,3 @@ def test_a_real_number_of_another_type_is_passed_on_as_a_float() -> None:
 
 def _identity(value: float) -> float:
     return value
-
-
-def test_view_factors_start_no_more_threads_than_they_have_tasks() -> None:
-    assert glpath.view_factors(FLOOR, threads=2**63).matrix.shape == (1, 1)
