@@ -16,6 +16,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 _PACKAGE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "")
+# Number of characters from which a message may have words that are shortened.
+_LONG_TEXT = 300
 # Maximum number of locations that one warning lists.
 _LISTED_LOCATIONS = 4
 _LIBRARY = os.path.join(sysconfig.get_path("stdlib"), "")
@@ -31,14 +33,23 @@ class GlpathError(Exception):
     """
 
     def __init__(self, message: str, remedy: str = "") -> None:
-        super().__init__(message)
-        self.message = message
-        self.remedy = remedy
+        self.message = _printable(message)
+        self.remedy = _printable(remedy)
+        super().__init__(self.message)
 
     def __str__(self) -> str:
         if not self.remedy:
             return self.message
         return self.message + "".join(f"\n  {line}" for line in self.remedy.splitlines())
+
+
+def _printable(text: str) -> str:
+    """Return `text` with long words shortened, and with lone surrogates escaped, which UTF-8 cannot encode."""
+    if text.isascii() and len(text) < _LONG_TEXT:
+        return text
+    from glpath.system.terminal import encodable, shortened  # late, because it imports rich
+
+    return shortened(encodable(text))
 
 
 def kept_in(exception: str, name: str, use: str) -> str:

@@ -45,7 +45,7 @@ from glpath.rendering.run_options import RunOptions
 from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
 from glpath.sensors.sensor import PointSensor
-from glpath.system.arguments import check_word, checked
+from glpath.system.arguments import check_word, checked, short_repr
 from glpath.system.time_limit import named_work
 
 Float32 = NDArray[np.float32]
@@ -473,10 +473,11 @@ def check_density(texels: float | None, size: int | None, uv: str) -> None:
     low, high = DENSITIES
     if texels is not None and not (isinstance(texels, int | float | np.number) and low <= texels <= high):
         raise UsageError(
-            f"texels is {texels!r}; must be a number above 0, texels per scene unit, from {low:g} to {high:g}."
+            f"texels is {short_repr(texels)}; must be a number above 0, texels per scene unit, from {low:g} to "
+            f"{high:g}."
         )
     if size is not None and not (isinstance(size, int | np.integer) and 16 <= size <= MAX_SIZE):
-        raise UsageError(f"size is {size!r}; must be a whole number from 16 to {MAX_SIZE}, texels.")
+        raise UsageError(f"size is {short_repr(size)}; must be a whole number from 16 to {MAX_SIZE}, texels.")
     if uv == "keep" and texels is not None:
         raise UsageError(
             "texels: has no meaning with coordinates that are kept, which say how large surfaces are on the page.",

@@ -38,6 +38,7 @@ from glpath.gl.program import Program, load_program
 from glpath.gl.program_parts import ProgramParts
 from glpath.gl.small_triangles import SmallTriangles, TriangleList, empty_words
 from glpath.gl.uniforms import vectors
+from glpath.system.arguments import short_repr
 
 MAX_PATHS = 1 << NUMBER_BITS
 #: Maximum bits of a triangle number that is packed with the depth into one 32-bit float. With more bits, the depth
@@ -535,7 +536,9 @@ class PathBuffer(Owner):
             raise UsageError(f"path-buffer: {n} origins for a buffer of {columns} x {rows} paths")
         d = np.asarray(direction, np.float64)
         if d.shape != (3,) or not np.all(np.isfinite(d)) or not np.any(d):
-            raise UsageError(f"path-buffer: direction {d!r}; three finite numbers, not all zero, are needed")
+            raise UsageError(
+                f"path-buffer: direction {short_repr(d)}; three finite numbers, not all zero, are needed"
+            )
         if not np.all(np.isfinite(start)):
             raise UsageError("path-buffer: an origin is not finite")
         sign = np.ones(n) if sign is None else np.sign(np.asarray(sign, np.float64))

@@ -19,6 +19,7 @@ from glpath.errors import ImageError, UsageError, warn
 from glpath.film.units import symbol
 from glpath.system.files import is_stream, read_bytes, read_standard_input, reason_of, whole_file, write_bytes
 from glpath.system.numerals import real
+from glpath.system.time_limit import check_time, named_work
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance
@@ -273,11 +274,17 @@ def read_points(path: Path, normal: Vector | None) -> Points:
         if normal is not None:
             raise UsageError(f"--normal beside the directions of {file}.", "Leave it out.")
         return Points(*sensor_points(Path(file), grid or None))
+    with named_work(f"reading {path.name}"):
+        return _read_table(path, normal)
+
+
+def _read_table(path: Path, normal: Vector | None) -> Points:
     text = _text(path)
     names: list[str] | None = None
     rows: list[list[float]] = []
     lines: list[int] = []
     for line, cells in _lines(text, path):
+        check_time()
         found = [_number(cell) for cell in cells]
         if names is None:
             if all(value is None for value in found):
@@ -358,6 +365,7 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
     found = []
     try:
         for number, line in lines:
+            check_time()
             cells = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter))
             cells = [cell.strip() for cell in cells]
             if delimiter == "\t" and any(" " in cell for cell in cells) and all(map(_NUMBER.match, line.split())):

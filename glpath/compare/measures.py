@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import ImageError, UsageError
 from glpath.film.image import luminance
-from glpath.system.arguments import checked
+from glpath.system.arguments import checked, short_repr
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -29,13 +29,20 @@ EPSILON = 0.01
 def relative_mse(image: ArrayLike, reference: ArrayLike, epsilon: float = EPSILON) -> float:
     """Return mean((image - reference)² / (reference² + epsilon)) over pixels and channels; 0 for equal images.
 
-    Raises ImageError for shapes that differ, NaN or infinity; UsageError for an epsilon below 0.
+    Raises ImageError for shapes that differ, NaN or infinity. Raises UsageError for an epsilon below 0, and for 0
+    if the reference has zeros.
 
     Source: Rousselle et al. 2011, "Adaptive Sampling and Reconstruction using Greedy Error Minimization".
     """
     if not 0 <= epsilon < math.inf:
-        raise UsageError(f"epsilon: {epsilon} where a finite number from 0 is needed")
+        raise UsageError(f"epsilon: {short_repr(epsilon)} where a finite number from 0 is needed")
     a, b = matching_pair(image, reference)
+    if epsilon == 0 and not b.all():
+        zeros = b.size - np.count_nonzero(b)
+        raise UsageError(
+            f"epsilon: 0 where a number above 0 is needed, because {zeros:,} values of the reference are 0",
+            f"The default is {EPSILON:g}.",
+        )
     return float(np.mean((a - b) ** 2 / (b**2 + epsilon)))
 
 

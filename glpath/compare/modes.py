@@ -16,6 +16,7 @@ from glpath.compare.pixels import exact, fuzzy
 from glpath.compare.statistical import stat
 from glpath.compare.verdict import Verdict
 from glpath.errors import UsageError
+from glpath.system.arguments import short_repr
 
 Mode = Literal["exact", "fuzzy", "stat", "flip"]
 MODES: tuple[str, ...] = get_args(Mode)
@@ -87,12 +88,12 @@ def read_limits(mode: str, texts: Sequence[str]) -> dict[str, float]:
 def _check_limits(mode: str, limits: Mapping[str, Any]) -> None:
     """Raise UsageError for an unknown mode, and for a limit that is unknown or not a number."""
     if mode not in _COMPARISONS:
-        raise UsageError(f"mode: there is no {mode!r}. Allowed: {', '.join(MODES)}.")
+        raise UsageError(f"mode: there is no {short_repr(mode)}. Allowed: {', '.join(MODES)}.")
     known = [p.name for p in inspect.signature(_COMPARISONS[mode]).parameters.values() if p.kind == p.KEYWORD_ONLY]
     for name, value in limits.items():
         if name not in known:
             raise UsageError(
-                f"mode {mode}: has no limit {name!r}. Allowed: {', '.join(known) or 'none'}.",
+                f"mode {mode}: has no limit {short_repr(name)}. Allowed: {', '.join(known) or 'none'}.",
             )
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise UsageError(f"{name}: found {value!r}, expected a number.")
+            raise UsageError(f"{name}: found {short_repr(value)}, expected a number.")

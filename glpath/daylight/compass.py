@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError
 from glpath.scene import Scene
+from glpath.system.arguments import short_repr
 
 Float64 = NDArray[np.float64]
 
@@ -69,7 +70,7 @@ class Compass:
 def _unit(name: str, vector: ArrayLike) -> Float64:
     found = np.asarray(vector, np.float64)
     if found.shape != (3,) or not np.isfinite(found).all() or not found.any():
-        raise UsageError(f"{name}: {vector!r} where three finite numbers are needed, not all zero")
+        raise UsageError(f"{name}: {short_repr(vector)} where three finite numbers are needed, not all zero")
     return np.asarray(found / np.linalg.norm(found))
 
 

@@ -43,7 +43,7 @@ from glpath.io.completed import aside
 from glpath.rendering.interrupts import Flag, interrupt_as_flag
 from glpath.rendering.points import checked_points
 from glpath.scene import Scene, path_traceable
-from glpath.system.arguments import check_count, check_word, checked
+from glpath.system.arguments import check_count, check_word, checked, short_repr
 
 if TYPE_CHECKING:
     from glpath.jobs.connection import Connection
@@ -179,7 +179,7 @@ def daylight_coefficients(
             check_count(name, value, low, high)
     is_whole = isinstance(samples, int)
     if not (samples is None or (is_whole and (samples == 1 or (samples % 2 == 0 and 2 <= samples <= MAX_SAMPLES)))):
-        raise UsageError(f"samples: {samples!r} where 1 or an even number up to {MAX_SAMPLES} is needed")
+        raise UsageError(f"samples: {short_repr(samples)} where 1 or an even number up to {MAX_SAMPLES} is needed")
     if normals is None:
         if receiver != "sphere":
             raise UsageError(f"normals: none, but a {receiver} has one.", "Give them, or take receiver='sphere'.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from glpath.errors import UsageError
+from glpath.system.arguments import short_repr
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ def shard_range(shard: object, sensors: int) -> tuple[int, int]:
             k = n = 0
     if n == 0:
         raise UsageError(
-            f"shard: {shard!r} where (k, n) with k from 1 to n is needed", "(1, 4) is the first of four."
+            f"shard: {short_repr(shard)} where (k, n) with k from 1 to n is needed", "(1, 4) is the first of four."
         )
     if n > sensors:
         raise UsageError(f"shard: {n} shards of {sensors} sensors", "Give each shard a sensor at least.")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from glpath.daylight.compass import Compass
 from glpath.errors import UsageError
+from glpath.system.arguments import short_repr
 
 Float64 = NDArray[np.float64]
 
@@ -59,7 +60,7 @@ class SkyPatches:
     def __post_init__(self) -> None:
         if self.subdivision not in SUBDIVISIONS:
             allowed = ", ".join(f"{key} ({count} patches)" for key, count in SUBDIVISIONS.items())
-            raise UsageError(f"subdivision {self.subdivision!r} of the sky: allowed are {allowed}.")
+            raise UsageError(f"subdivision {short_repr(self.subdivision)} of the sky: allowed are {allowed}.")
 
     def __len__(self) -> int:
         """Return the number of patches, including the ground."""

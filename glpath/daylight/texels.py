@@ -25,11 +25,12 @@ from glpath.errors import SceneError, UsageError
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
 from glpath.io.export.false_colours import Facets, write_facets
+from glpath.io.values import LARGEST, SMALLEST
 from glpath.io.vtk import VtkMesh
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
-from glpath.system.arguments import checked
+from glpath.system.arguments import checked, short_repr
 
 Float64 = NDArray[np.float64]
 
@@ -155,8 +156,10 @@ def texels(scene: AnyScene, size: float, *, shapes: str | Sequence[str] | None =
     >>> found.points.shape == found.normals.shape == (len(found), 3)
     True
     """
-    if not (isinstance(size, int | float) and np.isfinite(size) and size > 0):
-        raise UsageError(f"texels: a size of {size!r}; must be above 0, in scene units.")
+    if not SMALLEST <= size <= LARGEST:
+        raise UsageError(
+            f"texels: a size of {short_repr(size)}; must be from {SMALLEST:g} to {LARGEST:g} scene units."
+        )
     with aside("camera", "light"):
         loaded = load_scene(scene)
     traced = path_traceable(loaded.still(), centred=False)
@@ -191,7 +194,7 @@ def _chosen(scene: Scene, shapes: str | Sequence[str] | None) -> NDArray[np.bool
         fits = [fnmatchcase(name, pattern) for name in names]
         if not any(fits):
             raise UsageError(
-                f"texels: no shape is called {pattern!r}.",
+                f"texels: no shape is called {short_repr(pattern)}.",
                 f"The shapes are {', '.join(names[:12])}{', ...' if len(names) > 12 else ''}.",
             )
         found |= fits

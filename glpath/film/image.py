@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import ImageError, UsageError
 from glpath.film.aovs import AOV_KINDS
 from glpath.film.rgbe import read_header, read_rgbe
+from glpath.system.arguments import short_repr
 from glpath.system.c_output import without_lines
 from glpath.system.files import check_file, reading, whole_file
 from glpath.system.npz import check_unfolded, open_npz, read_npy
@@ -183,13 +184,15 @@ def check_exposure(exposure: object) -> None:
     if exposure is None or exposure == "auto":
         return
     if isinstance(exposure, bool) or not isinstance(exposure, int | float) or not abs(exposure) <= 100:
-        raise UsageError(f'exposure is {exposure!r}; must be a number of stops from -100 to 100, or "auto".')
+        raise UsageError(
+            f'exposure is {short_repr(exposure)}; must be a number of stops from -100 to 100, or "auto".'
+        )
 
 
 def check_tonemap(operator: str) -> None:
     """Raise UsageError if there is no tone curve with that name."""
     if operator not in TONEMAPS:
-        raise UsageError(f"tonemap: there is no operator {operator!r}. Allowed: {', '.join(TONEMAPS)}.")
+        raise UsageError(f"tonemap: there is no operator {short_repr(operator)}. Allowed: {', '.join(TONEMAPS)}.")
 
 
 def encode_png(picture: UInt8, metadata: Mapping[str, str] | None = None) -> bytes:

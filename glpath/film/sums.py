@@ -26,7 +26,7 @@ from glpath.film.batches import BATCHES, BLOCK, batch_of, united
 from glpath.film.cryptomatte import RANKS, Cryptomatte, Kind, ShapeCounts, cryptomatte
 from glpath.film.metadata import FilmMetadata, differences, joined, merged_values
 from glpath.film.npz_file import FilmParts
-from glpath.system.arguments import checked
+from glpath.system.arguments import checked, short_repr
 
 Float64 = NDArray[np.float64]
 
@@ -161,7 +161,7 @@ class FilmSums:
         `film.cryptomatte("object").matte("floor")` is (H, W), from 0 to 1.
         """
         if kind not in ("object", "material"):
-            raise UsageError(f"cryptomatte: {kind!r}; allowed are object, material")
+            raise UsageError(f"cryptomatte: {short_repr(kind)}; allowed are object, material")
         if ranks < 1:
             raise UsageError(f"cryptomatte: {ranks} ranks where one is needed at least")
         if self.shape_counts is None or not self.path_sets:

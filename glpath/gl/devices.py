@@ -20,6 +20,7 @@ from pathlib import Path
 
 from glpath.errors import ContextError
 from glpath.gl.osmesa import load_osmesa
+from glpath.system.arguments import short_repr
 
 BACKENDS = ("auto", "egl", "osmesa")
 #: Minimum OpenGL version.
@@ -77,7 +78,9 @@ def chosen(backend: str, device: int | None) -> tuple[str, int | None]:
     if backend == "auto" and device is None:
         backend, source = os.environ.get("GLPATH_BACKEND") or "auto", "GLPATH_BACKEND"
     if backend not in BACKENDS:
-        raise ContextError(f"{source}: no backend is named {backend!r}; allowed are {', '.join(BACKENDS)}")
+        raise ContextError(
+            f"{source}: no backend is named {short_repr(backend)}; allowed are {', '.join(BACKENDS)}"
+        )
     text = os.environ.get("GLPATH_DEVICE")
     # The variable refers to EGL's devices; OSMesa has only one.
     if device is None and text and backend != "osmesa":
@@ -85,7 +88,7 @@ def chosen(backend: str, device: int | None) -> tuple[str, int | None]:
             device = int(text)
         except ValueError:
             raise ContextError(
-                f"GLPATH_DEVICE: {text!r} is not a device number", "`glpath devices` lists them."
+                f"GLPATH_DEVICE: {short_repr(text)} is not a device number", "`glpath devices` lists them."
             ) from None
     if device is not None and backend == "auto":
         backend = "egl"

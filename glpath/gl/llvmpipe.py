@@ -19,6 +19,7 @@ import moderngl
 
 from glpath.errors import ShaderError
 from glpath.gl.conditions import Conditions
+from glpath.system.arguments import short_repr
 
 TEXELS = ("auto", "image", "fetch")
 #: Vertex shader of passes over all texels. Its outputs cost nothing, because it runs for three vertices only.
@@ -39,7 +40,8 @@ def is_spoken(gl: moderngl.Context) -> bool:
     chosen = os.environ.get("GLPATH_TEXELS") or "auto"
     if chosen not in TEXELS:
         raise ShaderError(
-            f"GLPATH_TEXELS: there is no {chosen!r}; allowed are {', '.join(TEXELS)}", "unset GLPATH_TEXELS"
+            f"GLPATH_TEXELS: there is no {short_repr(chosen)}; allowed are {', '.join(TEXELS)}",
+            "unset GLPATH_TEXELS",
         )
     renderer = str(gl.info["GL_RENDERER"])
     return chosen == "image" or (chosen == "auto" and renderer.startswith("llvmpipe"))

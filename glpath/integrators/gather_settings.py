@@ -23,6 +23,7 @@ from glpath.integrators.settings import (
     Rgb,
     SharedDirections,
 )
+from glpath.system.arguments import short_repr
 
 if TYPE_CHECKING:
     from glpath.scene.model import Scene
@@ -167,12 +168,12 @@ class GatherSettings(SharedDirections, PathSetSettings):
         return recorded | ({"refined": True} if self.refined else {})
 
     def check_together(self, given: Mapping[str, Any]) -> None:
-        cast = given.get("cast", self.cast)
+        cast = str(given.get("cast", self.cast))
         other, names = ("bvh", _OF_BVH) if cast == "path-buffer" else ("path-buffer", _OF_PATH_BUFFER)
         for name in names:
             if name in given:
                 raise UsageError(
-                    f'{name}: {given[name]!r} with cast "{cast}"; it is an option of cast "{other}"',
+                    f'{name}: {short_repr(given[name])} with cast "{cast}"; it is an option of cast "{other}"',
                     f'Take cast="{other}", or leave it out.',
                 )
 

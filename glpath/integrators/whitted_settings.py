@@ -18,6 +18,7 @@ from glpath.integrators.settings import (
     GeometryBudget,
     IntegratorSettings,
 )
+from glpath.system.arguments import short_repr
 
 Shadows = Literal["rays", "sphere", "cube"]
 Primary = Literal["classic", "t-buffer"]
@@ -108,12 +109,13 @@ class WhittedSettings(IntegratorSettings):
         return None
 
     def check_together(self, given: Mapping[str, Any]) -> None:
-        if given.get("shadows", self.shadows) != "rays":
+        shadows = given.get("shadows", self.shadows)
+        if not isinstance(shadows, str) or shadows != "rays":
             return
         for name in _OF_SHADOW_BUFFERS:
             if name in given:
                 raise UsageError(
-                    f"{name}: {given[name]!r} with shadow rays; it is an option of shadow-buffers",
+                    f"{name}: {short_repr(given[name])} with shadow rays; it is an option of shadow-buffers",
                     'Take shadows "sphere" or "cube".',
                 )
 

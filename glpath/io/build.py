@@ -31,6 +31,7 @@ from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Sh
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
+from glpath.system.time_limit import check_time
 
 # Maximum distance between the two diagonals of a planar quad, as a fraction of the longer diagonal. Quads beyond it
 # are rejected. Rounding coordinates to three digits stays below it.
@@ -69,6 +70,7 @@ def build(
     shapes = []
     known: dict[tuple[object, bool, bool], Mesh] = {}
     for index, given in enumerate(file.shapes):
+        check_time()
         here = location.field("shapes").item(index)
         kind = str(given.__struct_config__.tag)
         shape_name = f"{kind}-{index}" if isinstance(given.name, UnsetType) else given.name

@@ -11,12 +11,15 @@ _LOCK = Lock()
 
 
 def convert(value: Any, kind: Any, *, strict: bool = True) -> Any:
-    """Return `value` converted to `kind`. Raises msgspec.ValidationError.
+    """Return `value` converted to `kind`. Raises msgspec.ValidationError, also for text with lone surrogates.
 
     The lock is needed because msgspec 0.22 crashes if several threads convert to one type for the first time.
     """
     with _LOCK:
-        return msgspec.convert(value, kind, strict=strict)
+        try:
+            return msgspec.convert(value, kind, strict=strict)
+        except UnicodeEncodeError as error:
+            raise msgspec.ValidationError("UTF-8 cannot encode its text") from error
 
 
 def decode_json(text: str | bytes, kind: Any) -> Any:

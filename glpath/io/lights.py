@@ -24,6 +24,7 @@ from glpath.scene.model import Environment, Float64, Light, LightProfile, Materi
 from glpath.scene.portal import MAX_PORTALS, portal_fault
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.spot_cone import spot_solid_angle
+from glpath.system.time_limit import check_time
 
 MAPS = (".exr", ".hdr", ".png", ".jpg", ".jpeg")
 # Fields that are errors in a sky of type "perez" or "sun", whose light is given as irradiances.
@@ -44,6 +45,7 @@ def lights(
     )
     found = []
     for i, (lamp, each) in enumerate(zip(made, given, strict=True)):
+        check_time()
         factor = conversion(_unit_of(each, location.item(i), scene_unit), scene_unit)
         found.append(with_factor(replace(lamp, intensity=lamp.intensity * factor), _factor_of(each)))
     return tuple(found)

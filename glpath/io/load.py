@@ -38,6 +38,7 @@ from glpath.scene.model import Mesh, Scene
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 from glpath.system.suggestions import similar_names
+from glpath.system.time_limit import check_time
 
 _WORDS = {"float": "a number", "int": "a whole number", "str": "a text in quotes", "bool": "true or false"}
 _WORDS |= {"array": "a list", "object": "a table"}
@@ -170,9 +171,7 @@ def scene_of(
         raise _too_deep(location) from error
     keys = _unusable(plain)
     if keys is not None:
-        number, here = plain, location
-        for key in keys:
-            number, here = number[key], here.item(key) if isinstance(key, int) else here.field(key)
+        number, here = functools.reduce(operator.getitem, keys, plain), _at_keys(location, keys)
         raise here.wrong(number, f"a finite number between -{LARGEST:g} and {LARGEST:g}")
     _name_default_types(plain)
     try:
@@ -197,6 +196,7 @@ def _without_meshes(
     meshes: dict[int, Mesh | Chunks] = {}
     shapes = []
     for index, shape in enumerate(data["shapes"]):
+        check_time()
         here = location.field("shapes").item(index)
         if isinstance(shape, Mapping) and shape.get("type", "stream") == "stream" and "stream" in shape:
             meshes[index] = shape["stream"]
@@ -214,6 +214,7 @@ def _plain(value: Any, depth: int = 0) -> Any:
     """Return `value` with numpy arrays and tuples as lists. Raises RecursionError if it is nested too deeply."""
     if depth > _DEEPEST:
         raise RecursionError
+    check_time()
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -223,13 +224,32 @@ def _plain(value: Any, depth: int = 0) -> Any:
     return value
 
 
+def _at_keys(location: SourceLocation, keys: Sequence[str | int]) -> SourceLocation:
+    for key in keys:
+        location = location.item(key) if isinstance(key, int) else location.field(key)
+    return location
+
+
 def _unusable(value: Any) -> list[str | int] | None:
     """Return the keys that lead to the first number that is NaN, infinite or too large for the GPU, or None."""
     if isinstance(value, float | int):
         return None if abs(value) <= LARGEST else []
+    check_time()
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, item in items:
         rest = _unusable(item)
+        if rest is not None:
+            return [key, *rest]
+    return None
+
+
+def _keys_of_text(value: Any, text: str) -> list[str | int] | None:
+    """Return the keys that lead to a text, as a value or as a key of a dictionary; None if it is absent."""
+    if isinstance(value, str):
+        return [] if value == text else None
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, item in items:
+        rest = [] if key == text else _keys_of_text(item, text)
         if rest is not None:
             return [key, *rest]
     return None
@@ -280,6 +300,11 @@ def _other_files(path: Path) -> str:
 
 def _explained(error: msgspec.ValidationError, kind: Any, data: Any, location: SourceLocation) -> SceneError:
     """Return the SceneError for a failed conversion of `data` at `location` to the type `kind`."""
+    if isinstance(error.__cause__, UnicodeEncodeError):
+        keys = _keys_of_text(data, error.__cause__.object) or []
+        return _at_keys(location, keys).error(
+            "has text with a lone surrogate, which UTF-8 cannot encode.", "Decode the text from bytes as UTF-8."
+        )
     text, _, path = str(error).partition(" - at `$")
     keys = re.findall(r"\.(\w+)|\[(\d+|\.\.\.)\]", path)
     declared: Any = inspect.type_info(kind)

@@ -35,6 +35,7 @@ from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.scene.slab import clearest, inside_of
 from glpath.scene.source_location import SourceLocation
 from glpath.system.npz import UnfoldedPictures
+from glpath.system.time_limit import check_time
 
 _COLOURS = (
     "texture",
@@ -69,6 +70,7 @@ def materials(
 def _material(
     name: str, given: AnyMaterial, texture_number: Mapping[str, int], location: SourceLocation
 ) -> Material:
+    check_time()
     glass = isinstance(given, Glazing) or (isinstance(given, Principled) and given.transmission > 0)
     if given.culled and (given.two_sided or glass):
         raise location.field("culled").error(

@@ -47,6 +47,7 @@ from glpath.rendering.run_options import RunOptions
 from glpath.rendering.session import begin, checked_plan, describe_plan, metadata_of, prepare, remarks_of
 from glpath.rendering.stopping import looked_at
 from glpath.scene import Scene
+from glpath.system.arguments import short_repr
 from glpath.system.heartbeat import heartbeat
 from glpath.system.time_limit import check_time, seconds_left
 
@@ -80,7 +81,7 @@ class Cluster(Connection):
 
     def __init__(self, address: str, dashboard: bool = False, chunk_seconds: float = CHUNK_SECONDS) -> None:
         if not chunk_seconds > 0:
-            raise UsageError(f"chunk_seconds: {chunk_seconds!r} where a number above 0 is needed")
+            raise UsageError(f"chunk_seconds: {short_repr(chunk_seconds)} where a number above 0 is needed")
         self.chunk_seconds = chunk_seconds
         super().__init__(address, dashboard)
 

@@ -13,6 +13,7 @@ Source:   PB 3.3 and A.3; Shirley, Wang & Zimmerman 1996, Monte Carlo techniques
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,6 +26,7 @@ from glpath.scene.appearance import Appearance
 from glpath.scene.geometry import sphere_areas
 from glpath.scene.model import Environment, Float64, Light, Scene, Shape, Sky, unit_normals
 from glpath.scene.spot_cone import spot_solid_angle
+from glpath.system.time_limit import check_time
 
 # Probability of selecting a triangle by area alone, if a texture modulates the shape's emission.
 _UNSEEN = 0.2
@@ -266,10 +268,9 @@ def max_radiance(scene: Scene) -> float:
         values.append(scene.sky.typical_radiance)
     if scene.background is not None:
         values.extend(scene.background.radiance)
+    distances = iter(_typical_distances(scene, [light.position for light in scene.lights if _fades(light)]))
     for light in scene.lights:
-        square = 1.0
-        if light.kind != "directional" and light.falloff == "quadratic":
-            square = _typical_distance(scene, light.position) ** 2
+        square = next(distances) ** 2 if _fades(light) else 1.0
         peak = 1.0 if light.profile is None else light.profile.max
         values.append(peak * float(light.intensity.max()) / (np.pi * square))
     return float(max(values))
@@ -282,16 +283,27 @@ def _max_emission(scene: Scene, shape: Shape) -> float:
     return float((shape.emission * scene.textures[slot.texture].max).max())
 
 
-def _typical_distance(scene: Scene, position: Float64) -> float:
-    """Return the median distance from a position to planes, and to boxes of primitives that do not contain it."""
+def _fades(light: Light) -> bool:
+    return light.kind != "directional" and light.falloff == "quadratic"
+
+
+def _typical_distances(scene: Scene, positions: Sequence[Float64]) -> list[float]:
+    """Return for each position the median distance to planes, and to boxes of primitives not around it."""
+    if not positions:
+        return []
+    radius = _sphere_about(scene)[1]
     extent, centre = np.linalg.norm(scene.spheres[:, :, :3], axis=2), scene.spheres[:, :, 3]
     lower = np.concatenate([centre - extent, scene.triangles.min(axis=1, initial=np.inf)])
     upper = np.concatenate([centre + extent, scene.triangles.max(axis=1, initial=-np.inf)])
-    outside = np.maximum(np.maximum(lower - position, position - upper), 0.0)
-    heights = np.abs(np.sum((position - scene.planes[:, :, 3]) * scene.planes[:, :, 2], axis=1))
-    distances = np.concatenate([np.linalg.norm(outside, axis=1), heights])
-    distances = distances[distances > 0]
-    return float(np.median(distances)) if len(distances) else _sphere_about(scene)[1]
+    typical = []
+    for position in positions:
+        check_time()
+        outside = np.maximum(np.maximum(lower - position, position - upper), 0.0)
+        heights = np.abs(np.sum((position - scene.planes[:, :, 3]) * scene.planes[:, :, 2], axis=1))
+        distances = np.concatenate([np.linalg.norm(outside, axis=1), heights])
+        distances = distances[distances > 0]
+        typical.append(float(np.median(distances)) if len(distances) else radius)
+    return typical
 
 
 def _sphere_about(scene: Scene) -> tuple[Float64, float]:
@@ -313,6 +325,7 @@ def _shines(light: Light) -> bool:
 
 def _power(light: Light, scene: Scene, centre: Float64, radius: float) -> float:
     """Return the power over pi that a punctual light sends to the sphere about the scene, mean of the channels."""
+    check_time()
     strength = float(light.intensity.mean())
     if light.profile is not None and light.falloff == "none":
         strength *= light.profile.flux / (4 * np.pi)
@@ -336,6 +349,7 @@ def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
     for number, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
         if not shape.emits or shape.primitive == "plane":
             continue
+        check_time()
         spheres = shape.primitive == "sphere"
         own = sphere_areas(scene.spheres[part]) if spheres else areas[part]
         area, weights, radiance = float(own.sum()), own, shape.emission

@@ -16,6 +16,7 @@ from glpath.film.charts import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE, req
 from glpath.notebook.polyhedron import box_corners, faces, shaft_planes
 from glpath.radiosity import Occluders, Shaft, Strategy, candidate_list
 from glpath.scene import Scene
+from glpath.system.arguments import short_repr
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -81,7 +82,7 @@ class ShaftScene:
         if shape not in self.shapes:
             known = self.shapes
             raise UsageError(
-                f"{self.scene.name}: no shape of polygons is named {shape!r}.",
+                f"{self.scene.name}: no shape of polygons is named {short_repr(shape)}.",
                 f"There are {', '.join(known[:12])}{', ...' if len(known) > 12 else ''}.",
             )
         return np.flatnonzero(self.occluders.shape == names.index(shape)).astype(np.int32)

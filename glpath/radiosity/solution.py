@@ -26,7 +26,7 @@ from glpath.radiosity.mesh.interpolation import interpolate, leaves, vertices_of
 from glpath.scene import Scene, path_traceable
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64, Int32
-from glpath.system.arguments import checked
+from glpath.system.arguments import checked, short_repr
 from glpath.system.files import whole_file
 from glpath.system.npz import open_npz
 
@@ -156,7 +156,9 @@ class RadiositySolution:
         side = np.broadcast_to(np.asarray(back, np.int64), t.shape)
         for name, value, allowed in (("mode", mode, get_args(Mode)), ("light", light, _PARTS)):
             if value not in allowed:
-                raise UsageError(f"RadiositySolution: {name} {value!r}; allowed are {', '.join(allowed)}.")
+                raise UsageError(
+                    f"RadiositySolution: {name} {short_repr(value)}; allowed are {', '.join(allowed)}."
+                )
         if len(t) and not (t.min() >= 0 and t.max() < len(self.divisions)):
             raise UsageError(
                 f"RadiositySolution: triangles {t.min()} to {t.max()}, but there are {len(self.divisions)}."

@@ -48,9 +48,10 @@ from glpath.scene.choices import PROJECTIONS, Projection
 from glpath.scene.geometry import Shapes
 from glpath.scene.source_location import SourceLocation
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor, SensorKey
-from glpath.system.arguments import check_count, check_word
+from glpath.system.arguments import check_count, check_word, short_repr
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, whole_file
 from glpath.system.suggestions import listed_names, similar_names
+from glpath.system.time_limit import preparing_scene
 
 Window = tuple[int, int, int, int]
 
@@ -351,7 +352,8 @@ def describe(
         loaded, starts = sensor.seen(loaded), sensor
     spp = settings.default_spp if spp is None else spp
     window = window_of(starts.resolution, crop)
-    source = SceneSource.of(scene, loaded, parameters)
+    with preparing_scene():
+        source = SceneSource.of(scene, loaded, parameters)
     path_sets = (int(first_path_set), int(first_path_set) + int(spp))
     return RenderJob(source, settings, starts, window, path_sets), loaded
 
@@ -405,7 +407,9 @@ def with_overrides(
     if isinstance(camera, Camera):
         scene, camera = scene.with_camera(camera), {"type": camera.projection}
     elif not isinstance(camera, Mapping | None):
-        raise UsageError(f"camera: {camera!r} where a Camera, or a dictionary of what to replace of it, is needed")
+        raise UsageError(
+            f"camera: {short_repr(camera)} where a Camera, or a dictionary of what to replace of it, is needed"
+        )
     for name, value in (camera or {}).items():
         if name == "look_at":
             continue
@@ -415,7 +419,7 @@ def with_overrides(
             continue
         if name not in _CAMERA_NUMBERS:
             allowed = ", ".join(["look_at", "type", *_CAMERA_NUMBERS])
-            raise UsageError(f"camera: no field is named {name!r}; allowed are {allowed}")
+            raise UsageError(f"camera: no field is named {short_repr(name)}; allowed are {allowed}")
         count = _CAMERA_NUMBERS[name]
         found = numbers(f"camera {name}", value, count)
         changes[name] = found if count == 3 else tuple(map(float, found)) if count == 2 else float(found[0])

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypedDict
 
 from glpath.errors import UsageError
 from glpath.sampling import MAX_SPP
+from glpath.system.arguments import short_repr
 from glpath.system.interactive import in_notebook
 from glpath.system.machine import limit_threads
 from glpath.system.reporting import Mode
@@ -104,11 +105,11 @@ class RunOptions:
         for name, value in (("noise", self.noise), ("clean", self.clean)):
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
             if value is not None and not (is_number and 0 < value < math.inf):
-                raise UsageError(f"{name}: {value!r} where a number above 0 is needed")
+                raise UsageError(f"{name}: {short_repr(value)} where a number above 0 is needed")
         if self.noise is not None and self.clean is not None:
             raise UsageError("clean beside noise: each ends the render by another error.", "Leave one out.")
         if self.threads is not None and not (isinstance(self.threads, int) and self.threads >= 1):
-            raise UsageError(f"threads: {self.threads!r} where a whole number from 1 is needed")
+            raise UsageError(f"threads: {short_repr(self.threads)} where a whole number from 1 is needed")
 
     @classmethod
     def taken_from(cls, keywords: Mapping[str, Any]) -> tuple[RunOptions, dict[str, Any]]:

@@ -28,7 +28,7 @@ from glpath.rendering.tiles import Tile, cover
 from glpath.scene import Scene, check_scene
 from glpath.sensors.sensor import CameraSensor
 from glpath.system.machine import return_memory
-from glpath.system.time_limit import count_earlier, counted_from
+from glpath.system.time_limit import count_earlier, counted_from, named_work, preparing_scene
 from glpath.system.versions import versions
 
 
@@ -60,7 +60,8 @@ class Session:
         self._plan = checked_plan(job, scene) if plan is None else plan
         self._checks_bias = plan is None  # the bias of a given plan was checked before
         self._probe: BiasProbe | None = None
-        self._traced = self._plan.traceable(scene)
+        with preparing_scene():
+            self._traced = self._plan.traceable(scene)
         self._engine: Engine | None = None
         self._tiles: list[Tile] = []
         self._timings = options.timings
@@ -119,7 +120,7 @@ class Session:
             # A side is at most half of the largest texture, because the two views of a path-buffer's scan lie side
             # by side.
             self._tiles = cover(job.window, self._context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
-            with self._context as context:
+            with self._context as context, named_work("making the engine"):
                 sensor = sensor_in(self._traced, job.sensor, scene)
                 window = self._tiles[0].window
                 engine = self._plan.engine(context, self._traced, sensor, window, self._timings)
@@ -205,7 +206,9 @@ def _differs(before: RenderJob, job: RenderJob, scene: Scene) -> bool:
 def checked_plan(job: RenderJob, scene: Scene) -> Plan:
     """Return the plan of a job's integrator. Warns of a scene that is not rendered as intended."""
     plan = plan_of(job.integrator)
-    for text in check_scene(scene, isinstance(job.sensor, CameraSensor)) + plan.warnings(scene):
+    with preparing_scene():
+        texts = check_scene(scene, isinstance(job.sensor, CameraSensor)) + plan.warnings(scene)
+    for text in texts:
         warn(text)
     return plan
 
@@ -228,7 +231,8 @@ def begin(
     """
     if options.clean is not None:
         _check_denoisable(job)
-    metadata = metadata_of(job, plan, scene, context)
+    with preparing_scene():
+        metadata = metadata_of(job, plan, scene, context)
     film = options.film
     if film is None:
         film = empty_film(metadata)

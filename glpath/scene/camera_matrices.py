@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from glpath.errors import UsageError
 from glpath.scene.camera import Camera
 from glpath.scene.geometry import Float64
-from glpath.system.arguments import checked
+from glpath.system.arguments import checked, short_repr
 
 Convention = Literal["opengl", "opencv"]
 CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
@@ -54,7 +54,7 @@ def camera(
     ((65, 48), 0.8333333333333334)
     """
     if convention not in CONVENTIONS:
-        raise UsageError(f"convention: {convention!r} where one of {', '.join(CONVENTIONS)} is needed.")
+        raise UsageError(f"convention: {short_repr(convention)} where one of {', '.join(CONVENTIONS)} is needed.")
     matrix = _pose(_numbers("pose", pose), "pose")
     return _camera(matrix, *_intrinsics(K, resolution), convention)
 
@@ -91,7 +91,7 @@ def _numbers(name: str, given: Any) -> Float64:
     """Return a float64 array. Raises UsageError if the value is not an array of finite numbers."""
     try:
         found = np.asarray(given, np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise UsageError(f"{name}: no array of numbers.", "Give a numpy array, or lists.") from error
     if not np.isfinite(found).all():
         raise UsageError(f"{name}: has numbers that are not finite.")

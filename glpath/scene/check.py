@@ -14,6 +14,7 @@ from glpath.scene.geometry import LARGEST
 from glpath.scene.model import Camera, Light, Mesh, Scene, Shape
 from glpath.scene.sight import enclosing, sees_anything, touched_shape
 from glpath.scene.source_location import SourceLocation, coordinates
+from glpath.system.time_limit import check_time
 
 MAX_PIXELS = 2**28
 
@@ -128,13 +129,15 @@ def check_scene(scene: Scene, seen: bool = True) -> list[str]:
     """
     shining = [light for light in scene.lights if np.any(light.intensity > 0)]
     placed = [light for light in shining if light.kind != "directional"]
-    around_lights = [enclosing(scene, light.position) for light in placed]
     around_camera = enclosing(scene, scene.camera.position)
     found = [] if shining else _about_darkness(scene)
-    for light, around in zip(placed, around_lights, strict=True):
-        found += _about_what_hides(light, scene, np.flatnonzero((around != 0) & (around_camera == 0)))
     # A sphere with a light inside is meant as a room.
-    lit_inside = np.any([np.zeros(len(scene.shapes)), *around_lights], axis=0)
+    lit_inside = np.zeros(len(scene.shapes), np.bool_)
+    for light in placed:
+        check_time()
+        around = enclosing(scene, light.position)
+        lit_inside |= around != 0
+        found += _about_what_hides(light, scene, np.flatnonzero((around != 0) & (around_camera == 0)))
     if seen:
         found += _about_camera(scene, np.flatnonzero((around_camera > 0) & ~lit_inside))
     return found + _about_time(scene) + _about_materials(scene) + _about_opacity(scene)

@@ -11,6 +11,8 @@ from dataclasses import fields, is_dataclass
 
 import numpy as np
 
+from glpath.system.time_limit import check_time
+
 #: Fields that do not change the image, by dataclass name.
 UNSEEN = {
     "Scene": {"name", "source", "exposure", "unit", "centred_by"},
@@ -73,6 +75,7 @@ def _add(value: object, update: _Update) -> None:
     elif isinstance(value, tuple):
         update(f"tuple {len(value)} ".encode())
         for each in value:
+            check_time()
             _add(each, update)
     elif isinstance(value, np.ndarray):
         kept = value.dtype == np.uint8  # images are hashed without conversion, because they are large

@@ -25,7 +25,7 @@ from glpath.scene.profile import LightProfile
 from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
 from glpath.scene.studio import ground_below, nearest_axis, studio
-from glpath.system.arguments import checked
+from glpath.system.arguments import checked, short_repr
 from glpath.system.terminal import encodable
 
 __all__ = [
@@ -348,7 +348,7 @@ class Scene:
         known = [field.name for field in fields(Camera)]
         for name in changes:
             if name not in known:
-                raise UsageError(f"camera: no field is named {name!r}; allowed are {', '.join(known)}")
+                raise UsageError(f"camera: no field is named {short_repr(name)}; allowed are {', '.join(known)}")
         if changes.keys() & {"position", "target", "up"}:
             changes = {"motion": ()} | changes
         seen: Camera = replace(camera or self.camera, **changes)  # type: ignore[arg-type]

@@ -6,11 +6,16 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date, time
+from pathlib import Path
 
 from glpath.errors import SceneError
+from glpath.system.arguments import short_repr
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _LONGEST = 60
+# Depth to which nested lists and tables are shown; lists may contain themselves.
+_DEEPEST = 6
 # Smallest integer that is too long to be shown whole.
 _LONGEST_INTEGER = 10**_LONGEST
 
@@ -70,24 +75,42 @@ def coordinates(point: Iterable[float]) -> str:
     return "[" + ", ".join(f"{x:.6g}" if abs(x) < 1e5 else f"{x:.2f}" for x in point) + "]"
 
 
-def shown(value: object) -> str:
-    """Return `value` in the syntax of a scene file, shortened if it is long."""
+def shown(value: object, depth: int = 0) -> str:
+    """Return `value` in the syntax of a scene file, shortened if it is long or nested deeply.
+
+    depth : number of lists and tables that contain the value
+    """
     import numpy as np
 
+    if depth > _DEEPEST:
+        return "..."
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):
-        text = "{" + ", ".join(f"{key} = {shown(item)}" for key, item in value.items()) + "}"
+        text = "{" + _joined(f"{key} = {shown(item, depth + 1)}" for key, item in value.items()) + "}"
     elif isinstance(value, bool):
         text = str(value).lower()
     elif isinstance(value, str):
-        text = json.dumps(value, ensure_ascii=False)
+        text = json.dumps(value[: _LONGEST + 1], ensure_ascii=False)
     elif isinstance(value, Sequence):
-        text = "[" + ", ".join(shown(item) for item in value[:_LONGEST]) + "]"
+        text = "[" + _joined(shown(item, depth + 1) for item in value) + "]"
     elif isinstance(value, float):
         text = f"{value:.9g}"
     elif isinstance(value, int) and abs(value) >= _LONGEST_INTEGER:
         text = hex(value)  # Python refuses to write long integers in decimal
-    else:
+    elif value is None or isinstance(value, int | Path | date | time):
         text = str(value)
+    else:
+        text = short_repr(value)
     return text if len(text) <= _LONGEST else text[: _LONGEST - 4] + " ..."
+
+
+def _joined(parts: Iterable[str]) -> str:
+    """Return the parts with commas, without those after the length at which `shown` cuts."""
+    found, length = [], 0
+    for part in parts:
+        found.append(part)
+        length += len(part)
+        if length > _LONGEST:
+            break
+    return ", ".join(found)

@@ -74,7 +74,8 @@ def checked(function: Function, namespace: Mapping[str, Any] | None = None) -> F
     namespace : names in annotations that the function's module does not have
 
     The wrapper raises UsageError for an argument whose type the annotation does not allow, and for an integer of
-    more than 64 bits in any argument. NumPy's integers and bools are passed on as int and bool.
+    more than 64 bits in any argument. NumPy's integers and bools are passed on as int and bool, and other real
+    numbers as float.
     """
     if isinstance(function, type):
         for name, member in list(vars(function).items()):
@@ -141,7 +142,7 @@ class _Parameters(NamedTuple):
         return cls(tuple(positional), types, frozenset(plain))
 
     def check(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return NumPy's integers and bools by name, converted. Raises UsageError for wrong arguments."""
+        """Return NumPy's and other numbers by name, converted. Raises UsageError for wrong arguments."""
         if _large_integer(given.values()) is not None:
             for name, value in given.items():
                 if (large := _large_integer([value])) is not None:
@@ -160,6 +161,11 @@ class _Parameters(NamedTuple):
                 raise _wrong(name, value, [each.needed for each in self.types[name]])
             if type(value).__module__ == "numpy" and (_is_flag(value) or _is_whole(value)):
                 converted[name] = value.item()
+            elif isinstance(value, Real) and not isinstance(value, int | float):
+                try:
+                    converted[name] = float(value)
+                except OverflowError:
+                    raise _wrong(name, value, ["a number that fits into 64 bits"]) from None
         return converted
 
 
@@ -243,7 +249,7 @@ def _is_list(value: Any) -> bool:
 
 def _is_numbers(value: Any) -> bool:
     """Return True for a number, an array of numbers, nested lists of numbers, or an object that numpy converts."""
-    if isinstance(value, list | tuple):
+    if isinstance(value, list | tuple) or _is_array(value):
         import numpy as np
 
         try:
@@ -262,7 +268,7 @@ def _has_class_name(name: str, value: object) -> bool:
 
 
 def _is_iterable(value: object) -> bool:
-    return isinstance(value, Iterable) and not isinstance(value, str | bytes)
+    return isinstance(value, Iterable) and not isinstance(value, str | bytes) and getattr(value, "ndim", 1) != 0
 
 
 _PATH = "a path without NUL characters"

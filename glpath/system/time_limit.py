@@ -26,6 +26,7 @@ from numbers import Real
 from pathlib import Path
 
 from glpath.errors import TimeLimitError, UsageError
+from glpath.system.arguments import short_repr
 from glpath.system.machine import posix_module
 
 _os = posix_module("posix")
@@ -96,7 +97,9 @@ def check_time_limit(seconds: object) -> None:
         is_number = isinstance(seconds, Real) and not isinstance(seconds, bool)
         if seconds is None or (is_number and 0 < float(seconds) < math.inf):  # type: ignore[arg-type]
             return
-    raise UsageError(f"time_limit={seconds!r}: must be a finite number of seconds above 0.", "None is no limit.")
+    raise UsageError(
+        f"time_limit={short_repr(seconds)}: must be a finite number of seconds above 0.", "None is no limit."
+    )
 
 
 @contextmanager
@@ -204,6 +207,13 @@ def named_work(doing: str) -> Iterator[None]:
         check_time()
     finally:
         _work.reset(token)
+
+
+@contextmanager
+def preparing_scene() -> Iterator[None]:
+    """Context for work on a loaded scene before a render, without a limit if the caller has an earlier result."""
+    with without_limit_if_resumed(), named_work("preparing the scene"):
+        yield
 
 
 def check_time(doing: str | None = None) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,7 +67,7 @@ class HeightField:
         try:
             given = np.ma.getdata(heights) if np.ma.isMaskedArray(heights) else np.asarray(heights)
             values = given.astype(np.float32)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise SceneError(f"{source}: heights are no array of numbers.") from None
         if values.ndim != 2 or min(values.shape) < 2 or np.iscomplexobj(given):
             raise SceneError(
@@ -101,7 +102,7 @@ class HeightField:
                 f"{_HIGHEST:g} at most.",
                 "Does it stand for no data? Give a mask, or NaN there.",
             )
-        apart = (spacing, spacing) if isinstance(spacing, int | float) else tuple(spacing)
+        apart = (spacing, spacing) if isinstance(spacing, Real) else tuple(spacing)
         if len(apart) != 2 or not all(_FINEST <= each <= _COARSEST for each in apart):
             raise SceneError(
                 f"{source}: has a spacing of {spacing}, but needs one number above 0, or two, from {_FINEST:g} to "

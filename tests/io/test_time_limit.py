@@ -12,7 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 import glpath
+from glpath.cli.point_files import read_points
 from glpath.errors import TimeLimitError
+from glpath.lights.lighting import max_radiance
+from glpath.scene import check_scene
 from glpath.system.time_limit import limited
 from tests.support.check_gaps import check_gaps, grid
 from tests.support.clock import Clock
@@ -147,3 +150,53 @@ def test_reading_for_a_resumed_film_does_not_end_with_an_error(monkeypatch: pyte
     monkeypatch.setattr("glpath.io.library.refuse_other_file", later)
     film = glpath.render("cornell-box-36", film=begun, time_limit=10.0, **options)
     assert (film.path_sets, film.metadata.stop_rule) == (2, "time limit")
+
+
+@pytest.mark.parametrize(
+    "module",
+    ["io.load", "io.build", "io.lights", "io.materials", "scene.check", "scene.digest", "lights.lighting"],
+)
+def test_loops_over_shapes_lights_and_materials_check_the_time_limit_for_each_item(
+    module: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count, checks = 30, []
+    monkeypatch.setattr(f"glpath.{module}.check_time", lambda *_: checks.append(module))
+    scene = glpath.load_scene(
+        {
+            "camera": {"position": [0, 3, 4], "target": [0, 0, 0], "fov": 45},
+            "materials": {f"m{i}": {"reflectance": 0.5} for i in range(count)},
+            "shapes": [
+                {"type": "sphere", "center": [i, 0, 0], "radius": 0.1, "material": "m0"} for i in range(count)
+            ],
+            "lights": [{"type": "point", "position": [i, 1, 0], "intensity": 1} for i in range(count)],
+        }
+    )
+    check_scene(scene)
+    scene.digest()
+    max_radiance(scene)
+    assert len(checks) >= count
+
+
+def test_scene_that_is_checked_beyond_the_limit_is_named_as_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, clock = glpath.load_scene("cornell-box-36"), Clock(monkeypatch)
+
+    def later(*_: object) -> list[str]:
+        clock.ahead = 12.0
+        return []
+
+    monkeypatch.setattr("glpath.rendering.session.check_scene", later)
+    with pytest.raises(TimeLimitError, match="time_limit=10: over while preparing the scene, before"):
+        glpath.render(scene, spp=1, resolution=(4, 4), time_limit=10.0)
+
+
+def test_points_file_that_exceeds_the_limit_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, clock = tmp_path / "points.csv", Clock(monkeypatch)
+    path.write_text("x,y,z\n0,0,0\n1,0,0\n")
+
+    def later(cell: str) -> float:
+        clock.ahead = 2.5
+        return float(cell) if cell.isdigit() else float("nan")
+
+    monkeypatch.setattr("glpath.cli.point_files.real", later)
+    with limited(1.0), pytest.raises(TimeLimitError, match=r"over while reading points\.csv, before"):
+        read_points(path, (0.0, 1.0, 0.0))

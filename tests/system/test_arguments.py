@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.compare import relative_mse
 from glpath.errors import GlpathError, UsageError
 from glpath.rendering import run_options
 from glpath.rendering.options import options
@@ -285,3 +286,71 @@ def test_the_checks_take_less_than_20_microseconds() -> None:
             call(BOX, [1.0, 2.0, 3.0], spp=4, size=2.0, path="film.npz")
         best = min(best, (time.process_time() - start) / 1000)
     assert best < 20e-6
+
+
+class Broken:
+    """Object that cannot be written as text."""
+
+    def __repr__(self) -> str:
+        raise RuntimeError("no text")
+
+
+RECURSIVE: list[Any] = []
+RECURSIVE.append(RECURSIVE)
+DEEP = functools.reduce(lambda inside, _: [inside], range(3000), [])
+VAST, LONG = Fraction(10**400, 3), 100_000 * "x"
+BLACK = np.zeros((2, 2, 3))
+CALLS: dict[str, Callable[[], Any]] = {
+    "parameter with a surrogate": lambda: glpath.load_scene("teapot", {"level": "\udc80"}),
+    "scene with a surrogate": lambda: glpath.load_scene({"unit": "\udc80"}),
+    "name with a surrogate": lambda: glpath.load_scene("\udc80"),
+    "background with a surrogate": lambda: glpath.load_scene(BOX, {"background": "\udc80"}),
+    "list that contains itself": lambda: glpath.load_scene("teapot", {"level": RECURSIVE}),
+    "deep option": lambda: glpath.render(BOX, integrator="classic", shadow_resolution=DEEP),
+    "deep frames": lambda: list(glpath.render_frames(BOX, DEEP)),
+    "option without a text": lambda: glpath.render(BOX, integrator="classic", shadow_resolution=Broken()),
+    "frame without a text": lambda: list(glpath.render_frames(BOX, [Broken()])),
+    "array of shadows": lambda: glpath.render(BOX, integrator="classic", shadows=WORDS, shadow_resolution=64),
+    "array of rules": lambda: glpath.view_factors(FLOOR, enforce=WORDS),
+    "array without axes as frames": lambda: list(glpath.render_frames(BOX, np.array(5))),
+    "vast texel": lambda: glpath.texels(BOX, 1e200),
+    "tiny texel": lambda: glpath.texels(BOX, 1e-200),
+    "vast pose": lambda: glpath.camera(VAST, K),
+    "vast poses": lambda: list(glpath.render_views(BOX, np.array([VAST]), K)),
+    "vast points": lambda: glpath.irradiance(BOX, VAST, UP),
+    "vast factor": lambda: glpath.irradiance(BOX, POINT, [UP], maintenance_factor=VAST),
+    "vast heights": lambda: glpath.load_height_field(np.full((2, 2), VAST)),
+    "vast epsilon": lambda: relative_mse(BLACK, BLACK, VAST),
+    "image of objects": lambda: relative_mse(np.array([None, 1, "x"], dtype=object), BLACK),
+    "relative error of zeros": lambda: relative_mse(BLACK, BLACK, 0),
+    "long backend": lambda: glpath.render(BOX, backend=LONG),
+    "long convention": lambda: glpath.camera(POSE, K, convention=LONG),
+    "long rule": lambda: glpath.view_factors(FLOOR, enforce=[LONG]),
+    "long groups": lambda: glpath.view_factors(FLOOR, groups=LONG),
+    "long pattern": lambda: glpath.texels(BOX, 1.0, shapes=LONG),
+    "long option": lambda: glpath.render(BOX, **{LONG: 1}),
+    "long parameter": lambda: glpath.load_scene("teapot", {LONG: 1}),
+}
+
+
+@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.filterwarnings("error")
+def test_an_unusual_value_is_an_error_with_a_short_text_in_utf_8(call: str) -> None:
+    with pytest.raises(GlpathError) as error:
+        CALLS[call]()
+    assert len(str(error.value).encode()) < 1500
+
+
+def test_text_with_a_surrogate_is_located_in_the_scene() -> None:
+    with pytest.raises(GlpathError, match=r'^scene\["materials"\]\["a"\]\["type"\] has text with a lone surrogate'):
+        glpath.load_scene({"materials": {"a": {"type": "\udc80"}}, "name": "a"})
+
+
+def test_a_real_number_of_another_type_is_passed_on_as_a_float() -> None:
+    assert glpath.load_height_field(HEIGHTS, spacing=np.float32(2)).spacing == (2.0, 2.0)
+    assert checked(_identity)(Fraction(1, 4)) == 0.25
+    assert type(checked(_identity)(np.float32(0.5))) is float
+
+
+def _identity(value: float) -> float:
+    return value

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from glpath.errors import UsageError
 from glpath.radiosity.shafts.shaft import Strategy
+from glpath.system.arguments import short_repr
 from glpath.system.suggestions import similar_names
 
 StrategyName = Literal["no shaft", "keep closed", "always open", "overlap open", "ratio open"]
@@ -102,7 +103,7 @@ class ShaftOptions:
         for name, allowed in (("strategy", STRATEGIES), ("order", ORDERS)):
             if getattr(self, name) not in allowed:
                 raise UsageError(
-                    f"ShaftOptions.{name} is {getattr(self, name)!r}; allowed are {', '.join(allowed)}."
+                    f"ShaftOptions.{name} is {short_repr(getattr(self, name))}; allowed are {', '.join(allowed)}."
                 )
         for name in ("clump", "group", "longest", "no_shaft_below", "keep_closed_below"):
             if getattr(self, name) < 0:

@@ -30,7 +30,7 @@ from glpath.radiosity.view_factors.faces import Faces, Geometry, faces_of
 from glpath.radiosity.view_factors.records import Work
 from glpath.radiosity.view_factors.result import ViewFactors
 from glpath.radiosity.view_factors.rows import COUNT_NAMES, Rows, exchange_rows
-from glpath.system.arguments import checked
+from glpath.system.arguments import checked, short_repr
 from glpath.system.checkpoint import CheckpointFile
 from glpath.system.files import check_writable, whole_file
 from glpath.system.kernels import announced, waiting
@@ -165,13 +165,16 @@ def view_factors(
     >>> view_factors(np.array([floor, lamp], float)).matrix.toarray().round(4).tolist()
     [[0.0, 0.1998], [0.1998, 0.0]]
     """
-    for word in enforce if isinstance(enforce, list | tuple | set) else [enforce]:
-        if word not in ("reciprocity", "closure"):
-            raise UsageError(f"view_factors: enforce {word!r}; allowed is a list of reciprocity and closure.")
+    enforce = (enforce,) if isinstance(enforce, str) else tuple(enforce)
+    for word in enforce:
+        if not isinstance(word, str) or word not in ("reciprocity", "closure"):
+            raise UsageError(
+                f"view_factors: enforce {short_repr(word)}; allowed is a list of reciprocity and closure."
+            )
     if not (isinstance(error, int | float | np.number) and 1e-7 <= error <= 0.1):
-        raise UsageError(f"view_factors: error is {error!r}; allowed are numbers from 1e-7 to 0.1.")
+        raise UsageError(f"view_factors: error is {short_repr(error)}; allowed are numbers from 1e-7 to 0.1.")
     if threads is not None and not (isinstance(threads, int | np.integer) and threads >= 1):
-        raise UsageError(f"view_factors: threads is {threads!r}; allowed are whole numbers from 1.")
+        raise UsageError(f"view_factors: threads is {short_repr(threads)}; allowed are whole numbers from 1.")
     if resume is not None:
         check_writable(resume)
     kept = None if resume is None else _Rows(Path(resume), _SAVE_INTERVAL)
@@ -265,7 +268,7 @@ class _Run:
         ended: SimpleQueue[_Part | BaseException] = SimpleQueue()
         stop = np.zeros(1, np.int64)
 
-        within = [np.zeros(1, np.int64) for _ in range(self.threads)]
+        within = [np.zeros(1, np.int64) for _ in range(min(self.threads, len(pending)))]
 
         def work(done: Int64) -> None:
             try:

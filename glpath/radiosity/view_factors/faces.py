@@ -31,6 +31,7 @@ from glpath.radiosity.view_factors.facets import (
 from glpath.radiosity.view_factors.records import Polygons, Tree
 from glpath.scene import Scene, path_traceable
 from glpath.scene.source_location import SourceLocation
+from glpath.system.arguments import short_repr
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -206,7 +207,8 @@ def _rows(
             used, labels = np.unique(shape_of[kept], return_inverse=True)
             return labels.astype(np.int64), _distinct([shape_names[i] for i in used])
         raise UsageError(
-            f"view_factors: groups is {groups!r}; allowed are faces, planar, shapes, or a label for each face."
+            f"view_factors: groups is {short_repr(groups)}; allowed are faces, planar, shapes, or a label "
+            "for each face."
         )
     try:
         given = np.asarray(groups)

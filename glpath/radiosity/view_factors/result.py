@@ -29,7 +29,7 @@ from glpath.radiosity.view_factors.formats import (
     write_text,
 )
 from glpath.radiosity.view_factors.heat_exchange import RadiativeExchange, exchange_of
-from glpath.system.arguments import checked
+from glpath.system.arguments import checked, short_repr
 from glpath.system.files import whole_file
 from glpath.system.frames import data_frame, data_set
 from glpath.system.npz import open_npz
@@ -193,7 +193,7 @@ class ViewFactors:
                 columns |= {f"{name}_{axis}": part for axis, part in zip("xyz", vectors.T, strict=True)}
             return data_frame(columns, "face", labels, self.statistics)
         if what != "factors":
-            raise UsageError(f"to_pandas: what is {what!r}; allowed are rows and factors.")
+            raise UsageError(f"to_pandas: what is {short_repr(what)}; allowed are rows and factors.")
         m = sparse.coo_array(self.matrix)
         i, j = (np.asarray(self.names)[each] if self.names else each for each in m.coords)
         return data_frame({"from": i, "to": j, "factor": m.data}, "pair", None, self.statistics)
