@@ -25,6 +25,7 @@ from glpath.errors import ContextError, GlpathError, UsageError
 from glpath.jobs.worker import Sharable, hold, let_go
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 from glpath.system.machine import core_count
+from glpath.system.signals import ENDING
 
 log = logging.getLogger("glpath")
 
@@ -41,6 +42,8 @@ _LOOP_STARTS = 3
 _LOST_S = 3.0
 # Maximum time to wait for a scheduler's answer, seconds.
 _ANSWER_S = 30.0
+# Signals that children do not get. SIGTERM is not among them, because Dask ends workers that fail to start with it.
+_BLOCKED = set(ENDING) - {signal.SIGTERM}
 _ENCRYPTED = ("tls://", "wss://", "inproc://")
 
 
@@ -178,7 +181,7 @@ def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
         # Schedulers and workers always listen for HTTP. Without routes they answer no request.
         settings |= {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     try:
-        with dask.config.set(settings), _interrupts_blocked():
+        with dask.config.set(settings), _signals_blocked():
             return distributed.LocalCluster(
                 n_workers=count,
                 threads_per_worker=1,
@@ -198,18 +201,19 @@ def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
 
 
 @contextlib.contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Context whose child processes do not get SIGINT, which a terminal sends to all processes of a command.
+def _signals_blocked() -> Iterator[None]:
+    """Context whose child processes do not get the signals that a terminal sends to all processes of a command.
 
-    Children inherit the signal mask. This process gets the signal after the block. The tracker of `multiprocessing`
-    would reset the mask when it starts, so it is started before.
+    Children inherit the signal mask. So does the tracker of `multiprocessing`, which SIGHUP would end. Its start
+    unblocks SIGINT, so the signals are blocked again.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _BLOCKED)
     try:
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, _BLOCKED)
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
