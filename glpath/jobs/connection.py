@@ -22,6 +22,7 @@ from multiprocessing import resource_tracker
 from typing import Any, Self
 
 from glpath.errors import ContextError, GlpathError, UsageError
+from glpath.gl.signals import SignalsWait
 from glpath.jobs.worker import Sharable, hold, let_go
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 from glpath.system.machine import core_count
@@ -68,11 +69,24 @@ class Connection:
         distributed = _distributed()
         self._quiet.enter_context(quiet(logging.WARNING))
         if address.startswith(_LOCAL):
-            self._local = _local_cluster(distributed, _count(address), dashboard)
-            self.client = distributed.Client(self._local, set_as_default=False, direct_to_workers=True)
+            signals = SignalsWait(Connection._start_local.__code__)
+            try:
+                signals.begin()
+                try:
+                    self._start_local(distributed, _count(address), dashboard)
+                finally:
+                    signals.end()
+            except BaseException:
+                self.close()
+                raise
         else:
             self.client = _connected(distributed, address)
             _warn_if_open(self.address, self.client.scheduler.address)
+
+    def _start_local(self, distributed: Any, count: int, dashboard: bool) -> None:
+        """Start local processes. Signals wait, because Dask cannot close a cluster that is half started."""
+        self._local = _local_cluster(distributed, count, dashboard)
+        self.client = distributed.Client(self._local, set_as_default=False, direct_to_workers=True)
 
     def __enter__(self) -> Self:
         return self

@@ -478,6 +478,22 @@ def test_hangup_of_a_terminal_does_not_reach_the_tracker_of_processes():
     assert int(blocked, 16) >> (signal.SIGHUP - 1) & 1
 
 
+def test_signal_waits_until_a_local_cluster_has_started_and_closes_it(monkeypatch):
+    calls = []
+
+    def start(*options):
+        signal.raise_signal(signal.SIGINT)
+        calls.append("started")
+        return SimpleNamespace(close=lambda timeout: calls.append("closed"))
+
+    monkeypatch.setattr(clusters_connection, "_local_cluster", start)
+    dask = SimpleNamespace(Client=lambda *options, **more: SimpleNamespace(close=lambda timeout: None))
+    monkeypatch.setattr(clusters_connection, "_distributed", lambda: dask)
+    with pytest.raises(KeyboardInterrupt):
+        Cluster("local:2")
+    assert calls == ["started", "closed"]
+
+
 def test_a_scheduler_without_encryption_is_warned_of(caplog):
     with open_scheduler() as scheduler, Cluster(scheduler):
         pass
