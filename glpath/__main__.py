@@ -5,20 +5,20 @@ import os
 import select
 import sys
 
-from glpath.cli.signals import asks_to_resume, resume_later_while_loading
-
 
 def main() -> None:
     """Run the command. An interrupt while its modules load ends it without a traceback, as one later does.
 
     A scheduler's signal ends it with the exit code of a command that is started again, if it can resume.
     """
-    _open_standard_streams()
-    # Workers of a cluster start by `python -c`, which would import modules from the current folder first.
-    os.environ.setdefault("PYTHONSAFEPATH", "1")
-    if asks_to_resume(sys.argv[1:]):
-        resume_later_while_loading()
     try:
+        _open_standard_streams()
+        # Workers of a cluster start by `python -c`, which would import modules from the current folder first.
+        os.environ.setdefault("PYTHONSAFEPATH", "1")
+        from glpath.cli.signals import asks_to_resume, resume_later_while_loading
+
+        if asks_to_resume(sys.argv[1:]):
+            resume_later_while_loading()
         from glpath.cli.main import run_and_end
     except KeyboardInterrupt:
         with contextlib.suppress(OSError):

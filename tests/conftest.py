@@ -133,10 +133,10 @@ hypothesis.settings.load_profile("glpath")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-@pytest.fixture
-def unread_pipe() -> Iterator[int]:
-    """Write end of a full pipe that nobody reads."""
-    read, write = os.pipe()
+@pytest.fixture(params=["pipe", "terminal"])
+def unread_stream(request: pytest.FixtureRequest) -> Iterator[int]:
+    """Descriptor of a full pipe or terminal that nobody reads."""
+    read, write = os.pipe() if request.param == "pipe" else os.openpty()
     os.set_blocking(write, False)
     with contextlib.suppress(BlockingIOError):
         while True:

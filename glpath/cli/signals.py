@@ -3,6 +3,9 @@
 The first signal ends the computation by a KeyboardInterrupt. After it, or after a call of `hold` because a result
 exists, signals wait until the command has saved the result and ended. The third waiting signal ends the command
 without saving. A signal that was ignored when the process started stays ignored, such as SIGHUP under nohup.
+
+Python drops an exception in some functions that libraries call, such as finalizers. A dropped KeyboardInterrupt is
+raised again after `_AGAIN_S`.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -27,6 +31,8 @@ INTERRUPTED = 130
 RESUME_LATER = 75
 
 _PATIENCE = 3
+# Time until a dropped KeyboardInterrupt is raised again, seconds.
+_AGAIN_S = 0.05
 
 
 class _Signals(SignalRecord):
@@ -36,6 +42,7 @@ class _Signals(SignalRecord):
         self.held = False
         self.resumable = False
         self._waiting = 0
+        self.unraisablehook = sys.unraisablehook  # before the command
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         again = self.first is not None
@@ -52,6 +59,22 @@ class _Signals(SignalRecord):
         text = f"glpath: saving what there is; to give that up, interrupt {'once' if left == 1 else 'twice'} more\n"
         with contextlib.suppress(OSError):
             write_report(2, text.encode())  # print is not safe in a signal handler
+
+    def on_dropped(self, dropped: sys.UnraisableHookArgs) -> None:
+        """Handle an exception that Python drops: raise a KeyboardInterrupt again later, and report any other."""
+        in_main = threading.current_thread() is threading.main_thread()
+        if self.first is None or not in_main or not issubclass(dropped.exc_type, KeyboardInterrupt):
+            self.unraisablehook(dropped)
+            return
+        self.held = False
+        signal.signal(signal.SIGALRM, self.raise_again)
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+
+    def raise_again(self, number: int, frame: FrameType | None) -> None:
+        """Raise KeyboardInterrupt, unless the command has ended or made a result since the drop."""
+        if not self.held and self in RECORDS:
+            self.held = True
+            raise KeyboardInterrupt
 
 
 # State of the command in the main thread; a process has one set of handlers.
@@ -101,11 +124,14 @@ def signals_wait_for_results(resumable: bool = False) -> Iterator[None]:
         before[signal.SIGINT] = on_interrupt
     for number in before:
         signal.signal(number, _current)
+    if hasattr(signal, "setitimer"):
+        sys.unraisablehook = _current.on_dropped
     RECORDS.append(_current)
     try:
         yield
     finally:
         RECORDS.pop()
+        sys.unraisablehook = _current.unraisablehook
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
 

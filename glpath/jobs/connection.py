@@ -22,9 +22,11 @@ from multiprocessing import resource_tracker
 from typing import Any, Self
 
 from glpath.errors import ContextError, GlpathError, UsageError
+from glpath.gl.signals import SignalsWait
 from glpath.jobs.worker import Sharable, hold, let_go
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 from glpath.system.machine import core_count
+from glpath.system.signals import ENDING
 
 log = logging.getLogger("glpath")
 
@@ -41,6 +43,8 @@ _LOOP_STARTS = 3
 _LOST_S = 3.0
 # Maximum time to wait for a scheduler's answer, seconds.
 _ANSWER_S = 30.0
+# Signals that children do not get. SIGTERM is not among them, because Dask ends workers that fail to start with it.
+_BLOCKED = set(ENDING) - {signal.SIGTERM}
 _ENCRYPTED = ("tls://", "wss://", "inproc://")
 
 
@@ -65,11 +69,24 @@ class Connection:
         distributed = _distributed()
         self._quiet.enter_context(quiet(logging.WARNING))
         if address.startswith(_LOCAL):
-            self._local = _local_cluster(distributed, _count(address), dashboard)
-            self.client = distributed.Client(self._local, set_as_default=False, direct_to_workers=True)
+            signals = SignalsWait(Connection._start_local.__code__)
+            try:
+                signals.begin()
+                try:
+                    self._start_local(distributed, _count(address), dashboard)
+                finally:
+                    signals.end()
+            except BaseException:
+                self.close()
+                raise
         else:
             self.client = _connected(distributed, address)
             _warn_if_open(self.address, self.client.scheduler.address)
+
+    def _start_local(self, distributed: Any, count: int, dashboard: bool) -> None:
+        """Start local processes. Signals wait, because Dask cannot close a cluster that is half started."""
+        self._local = _local_cluster(distributed, count, dashboard)
+        self.client = distributed.Client(self._local, set_as_default=False, direct_to_workers=True)
 
     def __enter__(self) -> Self:
         return self
@@ -178,7 +195,7 @@ def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
         # Schedulers and workers always listen for HTTP. Without routes they answer no request.
         settings |= {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     try:
-        with dask.config.set(settings), _interrupts_blocked():
+        with dask.config.set(settings), _signals_blocked():
             return distributed.LocalCluster(
                 n_workers=count,
                 threads_per_worker=1,
@@ -198,18 +215,19 @@ def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
 
 
 @contextlib.contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Context whose child processes do not get SIGINT, which a terminal sends to all processes of a command.
+def _signals_blocked() -> Iterator[None]:
+    """Context whose child processes do not get the signals that a terminal sends to all processes of a command.
 
-    Children inherit the signal mask. This process gets the signal after the block. The tracker of `multiprocessing`
-    would reset the mask when it starts, so it is started before.
+    Children inherit the signal mask. So does the tracker of `multiprocessing`, which SIGHUP would end. Its start
+    unblocks SIGINT, so the signals are blocked again.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _BLOCKED)
     try:
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, _BLOCKED)
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -75,12 +75,12 @@ try:
         os.write(2, message.encode(errors="replace"))
 except OSError:  # full, closed or disconnected: the render hangs nevertheless
     pass
-os.kill(watched, signal.SIGABRT)
-until = time.monotonic() + 10
-while time.monotonic() < until:
-    if select.select([0], [], [], 1.0)[0] and not os.read(0, 4096):
-        sys.exit()
-os.kill(watched, signal.SIGKILL)
+for number in (signal.SIGABRT, signal.SIGABRT, signal.SIGKILL):  # the first may wait until its stack trace is read
+    os.kill(watched, number)
+    until = time.monotonic() + 5
+    while time.monotonic() < until:
+        if select.select([0], [], [], 1.0)[0] and not os.read(0, 4096):
+            sys.exit()
 """
 
 

@@ -1,10 +1,11 @@
-"""Writing of reports to a pipe or socket whose reader may have stopped reading.
+"""Writing of reports to a pipe, socket or terminal whose reader may have stopped reading.
 
-A write to a full pipe blocks until somebody reads it. Reports must not stop the work, so a report that a pipe does
-not take is dropped. The file is not made non-blocking, because other processes share its description.
+A write to a full pipe blocks until somebody reads it, and a write to a terminal blocks after Ctrl-S. Reports must
+not stop the work, so a report that the file does not take is dropped. The file is not made non-blocking, because
+other processes share its description.
 
-Poor at:  several processes that fill one pipe at the same time. Another process may fill the pipe between the
-          check and the write, which then blocks.
+Poor at:  several processes that fill one pipe at the same time, and a Ctrl-S between the check and the write, which
+          then blocks.
 """
 
 from __future__ import annotations
@@ -16,49 +17,60 @@ import select
 import stat
 from typing import IO
 
-#: Maximum wait for a reader, seconds. After a wait in vain, reports are dropped without waiting until the pipe
+#: Maximum wait for a reader, seconds. After a wait in vain, reports are dropped without waiting until the file
 #: takes one again.
 _PATIENCE = 1.0
 # Number of bytes that a pipe takes without blocking if it is reported as writable (POSIX).
 _CHUNK_BYTES = getattr(select, "PIPE_BUF", 512)
+# The same for a terminal, which has room for 256 bytes and writes a line break as two.
+_TERMINAL_CHUNK_BYTES = 128
 
-# Descriptors of pipes that did not take the last report.
+# Descriptors of files that did not take the last report.
 _unread: set[int] = set()
 
 
-def pipe_of(stream: IO[str] | None) -> int | None:
-    """Return the descriptor of a text stream that is a pipe or socket; None if it is anything else."""
+def pipe_or_terminal(stream: IO[str] | None) -> int | None:
+    """Return the descriptor of a text stream that is a pipe, socket or terminal; None if it is anything else."""
     if not isinstance(stream, io.TextIOWrapper):  # other streams may send text elsewhere, as a notebook's does
         return None
     with contextlib.suppress(OSError, ValueError):  # the stream may be closed, or no file
         descriptor = stream.fileno()
-        if _is_pipe(descriptor):
+        if _chunk_bytes(descriptor):
             return descriptor
     return None
 
 
 def write_report(descriptor: int, data: bytes) -> None:
-    """Write a report to a file; drop the rest of it if a pipe or socket is full. Raises OSError as `os.write`."""
-    if not _is_pipe(descriptor):
+    """Write a report to a file, and drop the rest of it if a pipe, socket or terminal takes no more.
+
+    Raises OSError as `os.write`.
+    """
+    chunk = _chunk_bytes(descriptor)
+    if chunk is None:
         os.write(descriptor, data)
         return
     rest = memoryview(data)
     while rest and _is_read(descriptor):
-        rest = rest[os.write(descriptor, rest[:_CHUNK_BYTES]) :]
+        rest = rest[os.write(descriptor, rest[:chunk]) :]
 
 
-def _is_pipe(descriptor: int) -> bool:
+def _chunk_bytes(descriptor: int) -> int | None:
+    """Return how many bytes a writable pipe, socket or terminal takes without blocking; None for another file."""
     mode = os.fstat(descriptor).st_mode
-    return hasattr(select, "poll") and (stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode))
+    if not hasattr(select, "poll"):
+        return None
+    if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode):
+        return _CHUNK_BYTES
+    return _TERMINAL_CHUNK_BYTES if os.isatty(descriptor) else None
 
 
 def _is_read(descriptor: int) -> bool:
-    """Return True if a pipe takes a chunk of bytes without blocking; wait for its reader if necessary."""
-    pipe = select.poll()
-    pipe.register(descriptor, select.POLLOUT)
+    """Return True if a file takes a chunk of bytes without blocking; wait for its reader if necessary."""
+    file = select.poll()
+    file.register(descriptor, select.POLLOUT)
     patience = 0.0 if descriptor in _unread else _PATIENCE
     _unread.add(descriptor)  # recorded before the wait, because a signal may end the wait
-    if not pipe.poll(1000 * patience):
+    if not file.poll(1000 * patience):
         return False
     _unread.discard(descriptor)
     return True

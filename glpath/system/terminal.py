@@ -22,7 +22,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.text import Text
 
-from glpath.system.report_pipe import pipe_of, write_report
+from glpath.system.report_pipe import pipe_or_terminal, write_report
 
 # Words of 300 letters or more are shortened. File names have at most 255 bytes, and a slash ends a word, so paths
 # are not shortened.
@@ -65,21 +65,22 @@ def _escape(character: str) -> str:
 class ReportStream:
     """Text stream for reports, which drops text that cannot be written: reports never end or stop the work.
 
-    Text for a pipe or socket is written at the end of a line, or by `flush`, and dropped if nobody reads it.
+    Text for a pipe, socket or terminal is written at the end of a line, or by `flush`, and dropped if nobody reads
+    it.
 
     stream : stream that gets the text; None drops all text
     """
 
     def __init__(self, stream: IO[str] | None) -> None:
         self._stream = stream
-        self._pipe = pipe_of(stream)
+        self._descriptor = pipe_or_terminal(stream)
         self._line = ""
         self.encoding = getattr(stream, "encoding", None) or "utf-8"
         self.errors = getattr(stream, "errors", None) or "backslashreplace"
 
     def write(self, text: str) -> int:
         """Write text, or drop it if the stream is full, closed or disconnected. Returns the length of the text."""
-        if self._pipe is not None:
+        if self._descriptor is not None:
             self._line += text
             if "\n" in text:
                 self.flush()
@@ -91,9 +92,9 @@ class ReportStream:
     def flush(self) -> None:
         """Flush the stream if that is possible."""
         with contextlib.suppress(OSError, ValueError):
-            if self._pipe is not None:
+            if self._descriptor is not None:
                 line, self._line = self._line, ""
-                write_report(self._pipe, line.encode(self.encoding, self.errors))
+                write_report(self._descriptor, line.encode(self.encoding, self.errors))
             elif self._stream is not None:
                 self._stream.flush()
 

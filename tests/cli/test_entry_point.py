@@ -15,17 +15,20 @@ import runpy, sys
 
 class Interrupts:
     def find_spec(self, name, *rest):
-        if name == "typer":
+        if name == wanted:
             raise KeyboardInterrupt
 
+wanted = sys.argv[1]
 sys.meta_path.insert(0, Interrupts())
 sys.argv = ["glpath", "--version"]
 runpy.run_module("glpath", run_name="__main__")
 """
 
 
-def test_an_interrupt_while_modules_load_shows_no_traceback() -> None:
-    done = subprocess.run([sys.executable, "-c", INTERRUPTED_WHILE_LOADING], capture_output=True, text=True)
+@pytest.mark.parametrize("module", ["glpath.cli.signals", "typer"])
+def test_an_interrupt_while_modules_load_shows_no_traceback(module: str) -> None:
+    command = [sys.executable, "-c", INTERRUPTED_WHILE_LOADING, module]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (130, "Interrupted.\n")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -101,29 +102,29 @@ def test_a_shell_that_drops_reports_gets_the_picture(shell: str, tmp_path: Path)
 @pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
 @pytest.mark.parametrize("progress", ["lines", "json", "bar"])
 def test_command_with_unread_standard_error_writes_its_picture(
-    progress: str, unread_pipe: int, tmp_path: Path
+    progress: str, unread_stream: int, tmp_path: Path
 ) -> None:
     command = [sys.executable, "-m", "glpath", *RENDER.split(), "-v", "--progress", progress, "-o", "a.png"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, stderr=unread_pipe, timeout=100)
+    done = subprocess.run(command, cwd=tmp_path, env=environment, stderr=unread_stream, timeout=100)
     assert done.returncode == 0
     assert iio.imread(tmp_path / "a.png").shape == (8, 12, 3)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
-def test_command_with_unread_standard_error_fails_with_its_exit_code(unread_pipe: int) -> None:
+def test_command_with_unread_standard_error_fails_with_its_exit_code(unread_stream: int) -> None:
     for words, code in [(["render", "no-such-scene", "-o", "a.png"], 1), (["render", "--no-such-option"], 2)]:
-        done = subprocess.run([sys.executable, "-m", "glpath", *words], stderr=unread_pipe, timeout=60)
+        done = subprocess.run([sys.executable, "-m", "glpath", *words], stderr=unread_stream, timeout=60)
         assert done.returncode == code
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
-def test_signals_with_unread_standard_error_save_the_film(unread_pipe: int, tmp_path: Path) -> None:
+def test_signals_with_unread_standard_error_save_the_film(unread_stream: int, tmp_path: Path) -> None:
     out = tmp_path / "a.npz"
     words = [*RENDER.split()[:-1], "1000000", "--checkpoint", "1i", "--progress", "json", "-o", str(out)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "glpath", *words]
-    with subprocess.Popen(command, env=environment, stderr=unread_pipe, preexec_fn=default_signals) as process:
+    with subprocess.Popen(command, env=environment, stderr=unread_stream, preexec_fn=default_signals) as process:
         until = time.monotonic() + 60
         while not out.exists() and time.monotonic() < until:
             time.sleep(0.05)
@@ -167,6 +168,26 @@ def test_report_stream_waits_once_and_writes_again_when_its_pipe_is_read() -> No
         print("after", file=stream, flush=True)
     assert os.read(read, 1 << 16).endswith(b"after\n")
     os.close(read)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="terminals of POSIX")
+def test_report_stream_drops_text_while_its_terminal_is_suspended() -> None:
+    master, terminal = os.openpty()
+    with open(terminal, "w", encoding="utf-8") as file:
+        stream = report_stream(file)
+        os.write(master, b"\x13")  # Ctrl-S
+        while select.select([], [terminal], [], 0)[1]:
+            time.sleep(0.001)
+        print("dropped", file=stream)
+        os.write(master, b"\x11")  # Ctrl-Q
+        select.select([], [terminal], [])
+        print("x" * 1000, file=stream)
+        print("progress", end="\r", file=stream, flush=True)
+        text = b""
+        while not text.endswith(b"\r"):
+            text += os.read(master, 4096)
+    assert text.decode() == "x" * 1000 + "\r\nprogress\r"
+    os.close(master)
 
 
 @pytest.mark.parametrize("mode", ["bar", "lines", "json"])

@@ -60,6 +60,33 @@ main.run()
 """
 
 
+IN_A_FINALIZER = """
+import os, signal, sys, time, weakref
+from glpath.cli import main, scenes
+def strike():
+    os.kill(os.getpid(), signal.SIGHUP)
+    time.sleep(1)
+def compute():
+    weakref.finalize(set(), strike)
+    time.sleep(20)
+    return {}
+scenes.shipped_scenes = compute
+sys.argv = ["glpath", "scenes"]
+main.run()
+"""
+
+
+def test_signal_during_a_finalizer_ends_the_command() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", IN_A_FINALIZER],
+        capture_output=True,
+        text=True,
+        preexec_fn=default_signals,
+        timeout=15,
+    )
+    assert (done.returncode, done.stderr) == (130, "glpath: interrupted\n")
+
+
 def test_a_signal_waits_until_a_program_is_compiled() -> None:
     """moderngl's C code crashes where a function of Python that it calls is broken off."""
     done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True)

@@ -454,11 +454,44 @@ def listeners(pid: int) -> list[tuple[str, int]]:
     return found
 
 
-def test_ctrl_c_of_a_terminal_does_not_reach_local_workers(workers):
+def test_signals_of_a_terminal_do_not_reach_local_workers(workers):
     """Otherwise each prints a traceback of its own."""
+    numbers = {signal.SIGINT, signal.SIGHUP, signal.SIGQUIT}
     masks = workers.client.run(signal.pthread_sigmask, signal.SIG_BLOCK, [])
-    assert [signal.SIGINT in mask for mask in masks.values()] == [True, True]
-    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    assert [numbers <= mask for mask in masks.values()] == [True, True]
+    assert not numbers & signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+TRACKER = """
+from multiprocessing import resource_tracker
+from pathlib import Path
+from glpath.jobs.connection import _signals_blocked
+with _signals_blocked():
+    print(Path(f"/proc/{resource_tracker._resource_tracker._pid}/status").read_text())
+"""
+
+
+def test_hangup_of_a_terminal_does_not_reach_the_tracker_of_processes():
+    """Otherwise `multiprocessing` prints a KeyError when it ends."""
+    done = subprocess.run([sys.executable, "-c", TRACKER], capture_output=True, text=True, check=True)
+    blocked = next(line.split()[1] for line in done.stdout.splitlines() if line.startswith("SigBlk:"))
+    assert int(blocked, 16) >> (signal.SIGHUP - 1) & 1
+
+
+def test_signal_waits_until_a_local_cluster_has_started_and_closes_it(monkeypatch):
+    calls = []
+
+    def start(*options):
+        signal.raise_signal(signal.SIGINT)
+        calls.append("started")
+        return SimpleNamespace(close=lambda timeout: calls.append("closed"))
+
+    monkeypatch.setattr(clusters_connection, "_local_cluster", start)
+    dask = SimpleNamespace(Client=lambda *options, **more: SimpleNamespace(close=lambda timeout: None))
+    monkeypatch.setattr(clusters_connection, "_distributed", lambda: dask)
+    with pytest.raises(KeyboardInterrupt):
+        Cluster("local:2")
+    assert calls == ["started", "closed"]
 
 
 def test_a_scheduler_without_encryption_is_warned_of(caplog):
