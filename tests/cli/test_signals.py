@@ -68,7 +68,7 @@ def strike():
     time.sleep(1)
 def compute():
     weakref.finalize(set(), strike)
-    time.sleep(20)
+    time.sleep(200)
     return {}
 scenes.shipped_scenes = compute
 sys.argv = ["glpath", "scenes"]
@@ -82,7 +82,7 @@ def test_signal_during_a_finalizer_ends_the_command() -> None:
         capture_output=True,
         text=True,
         preexec_fn=default_signals,
-        timeout=15,
+        timeout=100,
     )
     assert (done.returncode, done.stderr) == (130, "glpath: interrupted\n")
 
