@@ -6,6 +6,7 @@ All errors derive from `GlpathError`. The command line prints the text as one bl
 from __future__ import annotations
 
 import os
+import re
 import sys
 import sysconfig
 import warnings
@@ -16,8 +17,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 _PACKAGE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "")
-# Number of characters from which a message may have words that are shortened.
-_LONG_TEXT = 300
+# Words of 300 letters or more are shortened. File names have at most 255 bytes, and a slash ends a word, so paths
+# are not shortened.
+_LONG_WORD = re.compile(r"[^\s/]{300,}")
+# Number of characters at both ends that a shortened word keeps.
+_ENDS = 40
+_SURROGATE = re.compile("[\ud800-\udfff]")
 # Maximum number of locations that one warning lists.
 _LISTED_LOCATIONS = 4
 _LIBRARY = os.path.join(sysconfig.get_path("stdlib"), "")
@@ -45,11 +50,24 @@ class GlpathError(Exception):
 
 def _printable(text: str) -> str:
     """Return `text` with long words shortened, and with lone surrogates escaped, which UTF-8 cannot encode."""
-    if text.isascii() and len(text) < _LONG_TEXT:
-        return text
-    from glpath.system.terminal import encodable, shortened  # late, because it imports rich
-
     return shortened(encodable(text))
+
+
+def encodable(text: str) -> str:
+    """Return `text` in a form that can be encoded as UTF-8: each surrogate is replaced by an escape.
+
+    Python decodes a byte of a file name that is not UTF-8 as a surrogate.
+    """
+
+    def escape(code: int) -> str:
+        return f"\\x{code - 0xDC00:02x}" if 0xDC80 <= code <= 0xDCFF else f"U+{code:04X}"
+
+    return _SURROGATE.sub(lambda found: escape(ord(found[0])), text)
+
+
+def shortened(text: str) -> str:
+    """Return `text` with the middle cut out of each word of hundreds of letters, such as a 400-digit number."""
+    return _LONG_WORD.sub(lambda word: f"{word[0][:_ENDS]}...{word[0][-_ENDS:]}", text)
 
 
 def kept_in(exception: str, name: str, use: str) -> str:

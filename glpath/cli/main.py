@@ -38,8 +38,8 @@ from glpath.cli.signals import (
     signals_wait_for_results,
 )
 from glpath.cli.typed import as_typed, remember_words, typed_words
-from glpath.errors import GlpathError, SceneWarning, UsageError, warning_scope
-from glpath.system.terminal import CleanHandler, report_stream, say, shortened
+from glpath.errors import GlpathError, SceneWarning, UsageError, shortened, warning_scope
+from glpath.system.terminal import CleanHandler, report_stream, say
 from glpath.system.time_limit import command_clock
 
 FAILED, WRONG_USAGE = 1, 2

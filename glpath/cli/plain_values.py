@@ -13,8 +13,8 @@ from typing import Any, get_args, get_origin
 
 import typer
 
+from glpath.errors import shortened
 from glpath.system.numerals import real, whole
-from glpath.system.terminal import shortened
 
 
 def spare_conversions(command: Any) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import UnsetType
 
-from glpath.errors import warn
+from glpath.errors import encodable, warn
 from glpath.film.units import Unit, conversion
 from glpath.io import transform
 from glpath.io.description import Asset
@@ -26,7 +26,6 @@ from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture, m
 from glpath.scene.motion import Motion
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.suggestions import listed_names, similar_names
-from glpath.system.terminal import encodable
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from glpath.errors import warn
+from glpath.errors import encodable, warn
 from glpath.io.from_trimesh import surface_of_colours
 from glpath.io.gltf import Model
 from glpath.io.gltf.surfaces import Surface
@@ -19,7 +19,6 @@ from glpath.scene.geometry import IDENTITY
 from glpath.scene.model import Material, Mesh, Shape, Texture, TextureSlot
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import with_area, without_area
-from glpath.system.terminal import encodable
 
 _UNUSED = "Colours, of some vertices only or beside materials, textures or their coordinates."
 _UNUSED_OF = {".off": "Colours. Those of PLY files are read."}

@@ -13,7 +13,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import SceneError, UsageError
+from glpath.errors import SceneError, UsageError, encodable
 from glpath.film.units import Unit
 from glpath.scene.background import Background
 from glpath.scene.camera import Camera, framing, may_be_framing
@@ -26,7 +26,6 @@ from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
 from glpath.scene.studio import ground_below, nearest_axis, studio
 from glpath.system.arguments import checked, short_repr
-from glpath.system.terminal import encodable
 
 __all__ = [
     "Camera",

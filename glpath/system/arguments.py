@@ -161,7 +161,7 @@ class _Parameters(NamedTuple):
                 raise _wrong(name, value, [each.needed for each in self.types[name]])
             if type(value).__module__ == "numpy" and (_is_flag(value) or _is_whole(value)):
                 converted[name] = value.item()
-            elif isinstance(value, Real) and not isinstance(value, int | float):
+            elif not isinstance(value, int | float) and isinstance(value, Real):
                 try:
                     converted[name] = float(value)
                 except OverflowError:

@@ -75,7 +75,8 @@ def import_numba() -> Any:
     if "numba" in sys.modules or not os.path.exists(_NUMBA_FILE):
         return _module("numba", "numba")
     yaml = sys.modules.get("yaml")
-    sys.modules["yaml"] = None  # type: ignore[assignment] - numba reads the file only if this module exists
+    # Numba reads the file only if it can import this module.
+    sys.modules["yaml"] = None  # type: ignore[assignment]
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "A Numba config file is found")

@@ -12,7 +12,6 @@ import contextlib
 import io
 import json
 import logging
-import re
 import sys
 import unicodedata
 from collections.abc import Iterable
@@ -24,15 +23,9 @@ from rich.text import Text
 
 from glpath.system.report_pipe import pipe_or_terminal, write_report
 
-# Words of 300 letters or more are shortened. File names have at most 255 bytes, and a slash ends a word, so paths
-# are not shortened.
-_LONG_WORD = re.compile(r"[^\s/]{300,}")
-# Number of characters at both ends that a shortened word keeps.
-_ENDS = 40
 # Unicode's general categories: controls, formats (bidirectional, zero width), halves of surrogates, unassigned,
 # separators of lines and of paragraphs.
 _ESCAPED = frozenset({"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"})
-_SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def clean(text: str) -> str:
@@ -43,14 +36,6 @@ def clean(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c in "\n\t" else _escape(c) for c in text)
-
-
-def encodable(text: str) -> str:
-    """Return `text` in a form that can be encoded as UTF-8: each surrogate is replaced by an escape.
-
-    Python decodes a byte of a file name that is not UTF-8 as a surrogate.
-    """
-    return _SURROGATE.sub(lambda found: _escape(found[0]), text)
 
 
 def _escape(character: str) -> str:
@@ -115,11 +100,6 @@ class ReportStream:
 def report_stream(stream: IO[str] | None) -> IO[str]:
     """Return a stream that writes reports to `stream`, and never raises because of it."""
     return cast("IO[str]", stream if isinstance(stream, ReportStream) else ReportStream(stream))
-
-
-def shortened(text: str) -> str:
-    """Return `text` with the middle cut out of each word of hundreds of letters, such as a 400-digit number."""
-    return _LONG_WORD.sub(lambda word: f"{word[0][:_ENDS]}...{word[0][-_ENDS:]}", text)
 
 
 def say(text: str = "", err: bool = False) -> None:

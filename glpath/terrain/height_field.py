@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -102,7 +102,7 @@ class HeightField:
                 f"{_HIGHEST:g} at most.",
                 "Does it stand for no data? Give a mask, or NaN there.",
             )
-        apart = (spacing, spacing) if isinstance(spacing, Real) else tuple(spacing)
+        apart = tuple(spacing) if isinstance(spacing, Iterable) else (spacing, spacing)
         if len(apart) != 2 or not all(_FINEST <= each <= _COARSEST for each in apart):
             raise SceneError(
                 f"{source}: has a spacing of {spacing}, but needs one number above 0, or two, from {_FINEST:g} to "

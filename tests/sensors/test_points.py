@@ -124,7 +124,7 @@ def test_a_constant_sky_is_pi_however_a_point_is_turned(engine: str) -> None:
     normals = np.array([[0, 0, 1], [1, 0, 0], [0, -1, 0], [0, 0, -1.0]])
     points, options = np.arange(12.0).reshape(1, 4, 3), {"max_depth": 2, **engine_options(engine)}
     found = irradiance_of(scene, points, normals[None], spp=256, **options)
-    np.testing.assert_allclose(found[0], np.pi * np.tile([0.5, 1, 2], (4, 1)), rtol=0.01)
+    np.testing.assert_allclose(found[0], np.pi * np.tile([0.5, 1, 2], (4, 1)), rtol=0.02)
 
 
 @pytest.mark.parametrize("engine", ["path", "pair", "lattice"])
@@ -144,7 +144,7 @@ def test_a_bounce_is_that_of_a_quadrature_in_numpy(engine: str) -> None:
     # The third lies above the lamp, which hides part of the floor; without it, the two below see all of it.
     options: dict[str, Any] = {"max_depth": 2, **engine_options(engine)}
     found = irradiance_of(scene, points[:2], [0, 0, -1], spp=1024, **options)[0]
-    np.testing.assert_allclose(found, expected[:2], rtol=0.02)
+    np.testing.assert_allclose(found, expected[:2], rtol=0.03)
     hidden = irradiance_of(scene, [[0, 0, 2.001]], [0, 0, -1], spp=64, **options)[0, 0]
     assert not hidden.any()
 

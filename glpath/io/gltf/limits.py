@@ -25,7 +25,7 @@ MAX_TRIANGLES = 2**28
 #: Triangles of all instances that are allowed for a file of any size. They take 1 GB.
 ALWAYS_TRIANGLES = 2**23
 #: Maximum triangles of all instances per file byte, for models that exceed ALWAYS_TRIANGLES.
-MAX_TRIANGLES_RATIO = 16
+MAX_TRIANGLES_RATIO = 64
 MAX_TEXTURE_SIDE = 16384
 MAX_TEXTURE_PIXELS = 2**26
 #: Maximum number of characters of a name; longer names are cut.

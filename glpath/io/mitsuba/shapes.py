@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from glpath.errors import encodable
 from glpath.io.meshes import has_uv_gaps, without_uv_gaps
 from glpath.io.mitsuba import meshes
 from glpath.io.mitsuba.document import error_of_kind
@@ -20,7 +21,6 @@ from glpath.io.values import LARGEST
 from glpath.scene.geometry import Float64, Mesh, Shape, placed
 from glpath.scene.tessellate import unit_sphere, with_area
 from glpath.scene.triangulate import turned
-from glpath.system.terminal import encodable
 from glpath.system.time_limit import check_time
 
 _FILES = {"obj": ".obj", "ply": ".ply", "serialized": ".serialized"}

@@ -16,7 +16,7 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import warn_at
+from glpath.errors import encodable, warn_at
 from glpath.film.image import luminance, read_eight_bits, read_image
 from glpath.io.description import MAX_TEXTURE_PIXELS
 from glpath.io.export.geometry import map_downwards
@@ -28,7 +28,6 @@ from glpath.scene.geometry import Float64
 from glpath.scene.material import Texture, TextureSlot, Wrap
 from glpath.scene.source_location import SourceLocation
 from glpath.system.npz import UnfoldedPictures
-from glpath.system.terminal import encodable
 
 _KINDS = ("bitmap", "checkerboard", "rawconstant", "uniform", "srgb")
 # Factor by which the width and height of an image are increased before its colours are changed.

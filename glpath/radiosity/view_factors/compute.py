@@ -165,8 +165,8 @@ def view_factors(
     >>> view_factors(np.array([floor, lamp], float)).matrix.toarray().round(4).tolist()
     [[0.0, 0.1998], [0.1998, 0.0]]
     """
-    enforce = (enforce,) if isinstance(enforce, str) else tuple(enforce)
-    for word in enforce:
+    corrections: tuple[str, ...] = (enforce,) if isinstance(enforce, str) else tuple(enforce)
+    for word in corrections:
         if not isinstance(word, str) or word not in ("reciprocity", "closure"):
             raise UsageError(
                 f"view_factors: enforce {short_repr(word)}; allowed is a list of reciprocity and closure."
@@ -187,8 +187,8 @@ def view_factors(
         found = run.solve(given)
         _warn_of_overlaps(found, given.source)
         _warn_of_backs(found, given.source)
-        if enforce:
-            found = found.enforced(reciprocity="reciprocity" in enforce, closure="closure" in enforce)
+        if corrections:
+            found = found.enforced(reciprocity="reciprocity" in corrections, closure="closure" in corrections)
         if kept is not None:
             kept.remove()
     return found
