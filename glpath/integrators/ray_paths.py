@@ -320,7 +320,7 @@ class RayPathEngine(PathSetEngine):
         # Branches use consecutive sets of the sequence, so all paths of a pixel are evenly distributed.
         branches = range(self._branches * index, self._branches * (index + 1))
         each = np.concatenate([self._branch_sampler[i].directions[: self._bounces] for i in branches])
-        points, choice = _words(each[:, 0]), _words(np.array(self._sampler[index].choice))
+        points, choice = _words(each[:, 0]), _words(self._sampler[index].own_light[3])
         return {
             "image_window": self._image_window(),
             "window_size": self._size,
@@ -335,7 +335,7 @@ class RayPathEngine(PathSetEngine):
     def _light_uniforms(self, index: int) -> Uniforms:
         if self._draws is None:
             return {"light_row": self._light_row(index)}
-        return {"sequence_point": tuple(map(int, _words(self._sampler[index].light)))}
+        return {"sequence_point": tuple(map(int, _words(self._sampler[index].own_light[:3])))}
 
     def _light_row(self, index: int) -> int:
         """Return the row of the light table with the samples of a path set.
@@ -349,7 +349,7 @@ class RayPathEngine(PathSetEngine):
         block, row = divmod(index, size)
         if self._light_block != block:
             sets = range(block * size, (block + 1) * size)
-            points = _words(np.array([self._sampler[i].light for i in sets]))
+            points = _words(np.array([self._sampler[i].own_light[:3] for i in sets]))
             u = (points[:, None] ^ self._light_shifts) / 2.0**32
             edges = self._light_edges
             part = np.arange(u.shape[1]) % self._parts

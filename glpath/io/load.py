@@ -301,8 +301,8 @@ def _other_files(path: Path) -> str:
 def _explained(error: msgspec.ValidationError, kind: Any, data: Any, location: SourceLocation) -> SceneError:
     """Return the SceneError for a failed conversion of `data` at `location` to the type `kind`."""
     if isinstance(error.__cause__, UnicodeEncodeError):
-        failed = _at_keys(location, _keys_of_text(data, error.__cause__.object) or [])
-        return failed.error(
+        location = _at_keys(location, _keys_of_text(data, error.__cause__.object) or [])
+        return location.error(
             "has text with a lone surrogate, which UTF-8 cannot encode.", "Decode the text from bytes as UTF-8."
         )
     text, _, path = str(error).partition(" - at `$")
