@@ -97,7 +97,9 @@ def numba_folders_of_environment() -> Iterator[None]:
     config = _module("numba", "numba.core.config")
     before = {name: getattr(config, name) for name in _NUMBA_FOLDERS if hasattr(config, name)}
     try:
-        vars(config).update({name: os.environ.get(f"NUMBA_{name}", "") for name in before})
+        folder, locators = os.environ.get("NUMBA_CACHE_DIR", ""), os.environ.get("NUMBA_CACHE_LOCATOR_CLASSES", "")
+        chosen = dict(zip(_NUMBA_FOLDERS, (folder, locators), strict=True))
+        vars(config).update({name: chosen[name] for name in before})
         yield
     finally:
         vars(config).update(before)

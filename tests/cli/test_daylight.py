@@ -169,7 +169,7 @@ def test_wrong_usage_of_texels_is_refused_before_anything_is_computed(tmp_path: 
     of_texels = (*start, "--receiver", "texels")
     for wrong, text in (
         (of_texels, "Give --texel-size"),
-        ((*of_texels, "--texel-size", 0), "must be above 0"),
+        ((*of_texels, "--texel-size", 0), "must be from 1e-15 to 1e+15"),
         ((*of_texels, "--texel-size", 1e-6), "at most 4,000,000"),
         ((*of_texels, "--texel-size", 100, "--texel-shape", "roof"), "no shape is called 'roof'"),
         ((*of_texels, "--texel-size", 1, "--points", sensors), "--points: beside --receiver texels"),

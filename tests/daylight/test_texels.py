@@ -129,7 +129,7 @@ def test_values_are_shown_on_the_model(tmp_path: Path) -> None:
 
 def test_what_cannot_be_texels_is_refused(tmp_path: Path) -> None:
     for size in (0, -1, float("nan"), float("inf")):
-        with pytest.raises(UsageError, match="must be above 0, in scene units"):
+        with pytest.raises(UsageError, match=r"must be from 1e-15 to 1e\+15 scene units"):
             texels(BLOCK, size)
     with pytest.raises(UsageError, match="at most 4,000,000"):
         texels(BLOCK, 1e-4)

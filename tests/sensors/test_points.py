@@ -248,7 +248,7 @@ def test_points_draw_the_light_samples_that_the_lighting_draws(name: str) -> Non
     points = np.array([[0.0, 0, 0], [0.7, -0.4, 0.3], [-1.2, 0.6, 0.8], [0.2, 3.0, 0.2]])
     normals = np.array([[0.0, 0, 1], [0, 0.6, 0.8], [0.8, 0, 0.6], [0, -0.6, 0.8]])
     found = irradiance_of(scene, points, normals[None], spp=1024, max_depth=1, independent=True)[0]
-    np.testing.assert_allclose(found, by_all_light_samples(scene, points, normals), rtol=0.02)
+    np.testing.assert_allclose(found, by_all_light_samples(scene, points, normals), rtol=0.04)
 
 
 BOX = "cornell-box-36"

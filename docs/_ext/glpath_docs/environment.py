@@ -29,6 +29,16 @@ OTHERS = {
         "a number from 1",
         "threads of compiled kernels; any other value ends a command with an error",
     ),
+    "NUMBA_CACHE_DIR": (
+        "a folder",
+        "where compiled kernels are kept instead of the package's folder. Kernels are code that is run: name a "
+        "folder of your own, which nobody else can write to",
+    ),
+    "NUMBA_CACHE_LOCATOR_CLASSES": ("names of classes", "numba's choice of that folder"),
+    "PYTHONSAFEPATH": (
+        "`1`, or empty",
+        "a command sets it to `1` for its processes, so that they import no modules of the current folder",
+    ),
     "COLUMNS": ("a number from 1 to 9999", "width of tables and of help; any other value is ignored"),
     "CI": ("anything but `0`, `false`, `no`", "image tests fail for a missing baseline, and write none"),
     "PYTHONPATH": ("folders", "passed on to the processes that try each device"),
@@ -43,11 +53,6 @@ OTHERS = {
 }
 #: Of what glpath is built on: read by others, of use to who runs glpath.
 OF_LIBRARIES = {
-    "NUMBA_CACHE_DIR": (
-        "a folder",
-        "where compiled kernels are kept instead of the package's folder. Kernels are code that is run: name a "
-        "folder of your own, which nobody else can write to",
-    ),
     "NUMBA_DISABLE_JIT": ("`1`", "kernels run as Python, for a debugger"),
     "GALLIUM_OVERRIDE_CPU_CAPS": ("`nosse` ...", "which of the CPU's instructions llvmpipe uses"),
 }
