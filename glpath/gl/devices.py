@@ -212,7 +212,7 @@ def start_probe(candidate: Candidate) -> subprocess.Popen[str]:
             "-c",
             code,
             candidate.backend,
-            f"{candidate.index}",
+            str(candidate.index),
             "software" * candidate.software,
         ],
         env={**os.environ, "PYTHONPATH": path},

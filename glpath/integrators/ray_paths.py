@@ -245,6 +245,7 @@ class RayPathEngine(PathSetEngine):
             sets = 1 if scene.moving and scene.moving.lamps else _LIGHT_BLOCK
             self._light_table = gl.texture((LIGHT_ROWS * len(self._light_shifts), sets), 4, dtype="f4")
             self._light_table.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            self._light_block = -1  # the table is empty
             parts.textures["light_table"] = self._light_table
         parts.defines |= thin_dielectric_variants(scene.scene)
         self._ground = None if self._points is not None else Ground.of(scene.scene, self.settings.seed)
