@@ -71,7 +71,7 @@ def shortened(text: str) -> str:
 
 
 def kept_in(exception: str, name: str, use: str) -> str:
-    """Return the end of an interruption's text, which explains how to access the unfinished result.
+    """Return the last lines of an interruption's message: how to access the unfinished result.
 
     exception, name : class of the exception, and its attribute with the result
     use             : call that resumes from the result
@@ -132,7 +132,7 @@ class WarningScope:
     late: list[str] = field(default_factory=list)
 
     def raise_late(self, result: Any = None) -> None:
-        """Raise StrictError for the late warnings, with the result in the error's `result`."""
+        """If strict, raise StrictError for warnings deferred until the result existed; it has `result`."""
         if self.strict and self.late:
             first, *others = self.late
             more = f" {len(others)} more warnings came after it." if others else ""

@@ -282,7 +282,7 @@ class Lightmap:
 
     @cached_property
     def _auto_stops(self) -> float:
-        """Return the exposure of the camera's view, or of all texels if it sees only streams or no light."""
+        """Return the automatic exposure of the camera's view; of all texels if no baked texel in view has light."""
         from glpath.bake.files import radiance_of
         from glpath.bake.view import seen_by_camera
 

@@ -275,7 +275,7 @@ class PathBuffer(Owner):
         empty: float,
         records: moderngl.Texture | None = None,
     ) -> _Stage:
-        """Create the passes of a scan into a texture that is cleared first."""
+        """Create the passes that scan all triangles into `found`, which each scan first clears to `empty`."""
         gl, scene, clear = self.gl, self.scene, (empty,) * 4
         shaders = "path_buffer/path_scan.vert", "path_buffer/path_scan.frag"
         parts = ProgramParts(
@@ -459,9 +459,9 @@ class PathBuffer(Owner):
     def _answers(
         self, start: NDArray[np.float64], d: NDArray[np.float64], sign: NDArray[np.float64]
     ) -> NDArray[np.int32]:
-        """Return (N,) int32: each ray's triangle, PATH_MISSED for a miss; with `occlusion`, 0 for any hit.
+        """Return (N,) int32: each ray's triangle, PATH_MISSED for a miss; with `self.occlusion`, 0 for any hit.
 
-        Rays that lost a collision are scanned again.
+        Rays whose cell held another ray in a scan are scanned again.
         """
         n = len(start)
         triangle = np.full(n, PATH_MISSED, np.int32)
@@ -487,7 +487,7 @@ class PathBuffer(Owner):
     def scan(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> Cells:
         """Scan the rays of `cast` once, and return the contents of the buffer for inspection.
 
-        Rays that lost a collision in their cell are missing.
+        Rays whose cell held another ray are missing.
         """
         if self.occlusion:
             raise UsageError(

@@ -342,7 +342,7 @@ def _text(path: Path) -> str:
 
 
 def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
-    """Return (line number, cells) of each line except empty lines and comments; decimal commas become points."""
+    """Return (line number, cells) of each line except empty lines and comments, with periods for decimal commas."""
     lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1) if line.strip(' \t,;"')]
     lines = [(i, line) for i, line in lines if not line.lstrip().startswith("#")]
     for number, line in lines:

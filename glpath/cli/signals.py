@@ -104,7 +104,7 @@ def _end_while_loading(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def signals_wait_for_results(resumable: bool = False) -> Iterator[None]:
-    """Let signals wait for results within the block. Without effect outside the main thread.
+    """Defer signals within the block until `result_of` has its result. No effect outside the main thread.
 
     resumable : True if the exit code after a scheduler's signal is `RESUME_LATER`, as after `resume_later`
     """
@@ -165,7 +165,7 @@ def by_scheduler() -> bool:
 
 
 def resume_later() -> None:
-    """From now on, the exit code of a command that a scheduler ends is `RESUME_LATER`."""
+    """Set the exit code to `RESUME_LATER` if a scheduler ends the command after this call."""
     _current.resumable = True
 
 

@@ -111,7 +111,7 @@ def viewfactors(
         raise UsageError(f"--resume: {out[0]} is no file that a second one could stand beside.", "Name a file.")
     file = Path(scene)
     faces: Path | Scene = file
-    # A mesh file is not read as a scene, which would drop triangles without area, because row i must be face i.
+    # Row i must be face i, but a scene drops triangles without area. So mesh files are not read as scenes.
     if parameters or groups == "shapes" or file.suffix.lower() not in FORMATS:
         with geometry_alone():
             faces = read_scene(scene, parameters)

@@ -73,7 +73,10 @@ class KeptShards:
         return found
 
     def keep(self, parts: Mapping[int, DaylightCoefficients], last: bool = False) -> None:
-        """Write the finished shards that have no file yet; `last` is as in `CheckpointFile.written_by`."""
+        """Write the finished shards that have no file yet.
+
+        last : True if the work ends here; shards that cannot be written then go to a temporary folder
+        """
         for number, part in parts.items():
             if number not in self._files:
                 file = _ShardFile(self._folder / f"{number}-of-{self.count}.npz", _reasons=self._reasons)

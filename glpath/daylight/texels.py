@@ -218,7 +218,10 @@ def _grids(corners: Float64, shape: NDArray[np.int32], size: float) -> tuple[Flo
 
 
 def _halved(triangles: Float64, shape: NDArray[np.int32], size: float) -> tuple[Float64, NDArray[np.int32]]:
-    """Return pieces (N, 4, 3) of triangles (T, 3, 3) with edges of at most `size`, and their shapes."""
+    """Halve triangles (T, 3, 3) until no edge exceeds `size`.
+
+    Returns pieces (N, 4, 3), whose last corner is repeated, and their shape indices (N,). Raises UsageError.
+    """
     done: list[Float64] = []
     of: list[NDArray[np.int32]] = []
     while len(triangles):

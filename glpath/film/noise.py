@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 
 #: Minimum number of batches for an error estimate.
 MIN_BATCHES = 4
-#: Squared radiance added to the divisor of squared relative errors, as in `compare.relative_mse`, for dark pixels.
+#: Squared radiance added to all divisors of squared relative errors, so that dark pixels do not dominate; as in
+#: `compare.relative_mse`.
 FLOOR = 0.01
 
 

@@ -68,7 +68,7 @@ _PARTS = 8
 # Number of samples that a light tree draws for each vertex. A second one takes a third of a set's time, and reduces
 # the error only if lights have profiles.
 _TREE_SAMPLES = 1
-# Minimum number of lights with a position for which a tree selects among them.
+# Minimum number of lights with a position for which a light tree is built.
 _TREE_MIN = 12
 # Maximum number of triangles and punctual lights in a tree: its build takes some 50 microseconds for each of them.
 _TREE_MAX = 1 << 16

@@ -293,7 +293,7 @@ def _mesh(
     ready: Mesh | None,
     known: dict[tuple[object, bool, bool], Mesh],
 ) -> Mesh:
-    """Return the mesh of a shape before its transform; a `textured` mesh has texture coordinates.
+    """Return the mesh of a shape in object space, with texture coordinates if `textured`.
 
     mirrored : True if the transform swaps fronts and backs
     ready    : mesh that is already in memory, or None

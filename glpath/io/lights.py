@@ -86,7 +86,7 @@ def _light(
                     name, "point", _plain_intensity(given, location), position=position, falloff=given.falloff
                 )
             path = folder / given.profile
-            if path not in profiles:  # reads a file once for all its lamps
+            if path not in profiles:  # read each profile once, even if several lights name it
                 profiles[path] = read_profile(path, location.field("profile"))
             direction, c0 = _orientation(given, camera_up, location)
             return Light(
@@ -289,7 +289,10 @@ def sky(
 
 
 def portals(given: description.Sky | UnsetType, location: SourceLocation) -> tuple[Portal, ...]:
-    """Return the portals of a sky, whose table is at `location`. Raises SceneError."""
+    """Return the portals of a sky. Raises SceneError.
+
+    location : of the sky's table
+    """
     if isinstance(given, UnsetType):
         return ()
     location = location.field("portals")

@@ -37,7 +37,7 @@ class Folders:
         self._subfolders: dict[Path, list[str]] = {}
 
     def names(self, folder: Path) -> dict[str, str] | None:
-        """Return the first entry for each name in folded case; None if the folder cannot be listed."""
+        """Return the alphabetically first entry by case-folded name; None if the folder cannot be listed."""
         if folder not in self._names:
             try:
                 self._names[folder] = {_folded(each): each for each in sorted(os.listdir(folder), reverse=True)}

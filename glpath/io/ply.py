@@ -118,7 +118,7 @@ def read_header(content: bytes) -> Header:
     if end is None:
         raise ValueError("its header has no end_header")
     lines = _LINE_END.split(content[: end.end()])
-    # Files of old Macs end lines with \r alone, and then a \n belongs to the data.
+    # Files of old Macs end lines with \r alone, so a \n after their header is the first byte of the data.
     line_end = _LINE_END.match(content, end.end())
     start = end.end()
     if line_end is not None:

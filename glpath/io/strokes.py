@@ -22,7 +22,14 @@ _MIN_POINT = 0.0005
 _MAX_POINT = 0.02
 # Number of points above which each ball has only 20 triangles.
 _MANY = 2_000
-_SIDES = 8
+# Number of points above which each ball has only 8 triangles, and of lines above which each rod has only 8.
+_VERY_MANY = 20_000
+
+_OCTAHEDRON_VERTICES = np.concatenate([np.eye(3), -np.eye(3)])
+# The sign of a corner on each axis; an odd number of minus signs swaps two corners, so that all fronts are outside.
+_OCTAHEDRON_FACES = np.array(
+    [(x, z, y) if (x + y + z) % 2 == 0 else (x, y, z) for x in (0, 3) for y in (1, 4) for z in (2, 5)]
+)
 
 
 def point_radius(points: Float64) -> float:
@@ -51,8 +58,11 @@ def balls(points: Float64, radius: float) -> tuple[Float64, Int64, Float64, Int6
 
     The result has vertices (V, 3), faces (F, 3), normals (V, 3), and the point of each vertex, (V,).
     """
-    sphere = unit_sphere(0 if len(points) > _MANY else 1)
-    ball, sides = sphere.vertices, sphere.faces.astype(np.int64)
+    if len(points) > _VERY_MANY:
+        ball, sides = _OCTAHEDRON_VERTICES, _OCTAHEDRON_FACES
+    else:
+        sphere = unit_sphere(0 if len(points) > _MANY else 1)
+        ball, sides = sphere.vertices, sphere.faces.astype(np.int64)
     vertices = points[:, None] + radius * ball
     faces = sides + len(ball) * np.arange(len(points))[:, None, None]
     of = np.repeat(np.arange(len(points)), len(ball))
@@ -61,20 +71,21 @@ def balls(points: Float64, radius: float) -> tuple[Float64, Int64, Float64, Int6
 
 def rods(points: Float64, lines: Int64, radius: float) -> tuple[Float64, Int64, Float64, Int64]:
     """Return rods along lines (L, 2) between points (N, 3), with balls at their ends, in the form of `balls`."""
+    sides = 4 if len(lines) > _VERY_MANY else 8
     start, end = points[lines[:, 0]], points[lines[:, 1]]
     long = np.linalg.norm(end - start, axis=1) > 0
     lines, start, end = lines[long], start[long], end[long]
     along = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
     across = np.cross(along, np.eye(3)[np.argmin(np.abs(along), axis=1)])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    angle = 2 * np.pi * np.arange(sides) / sides
     out = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * np.cross(along, across)[:, None]
     vertices = np.stack([start, end], axis=1)[:, :, None] + radius * out[:, None]
-    k, after = np.arange(_SIDES), (np.arange(_SIDES) + 1) % _SIDES
-    side = np.concatenate(
-        [np.stack(each, axis=1) for each in ((k, after, after + _SIDES), (k, after + _SIDES, k + _SIDES))]
+    k, after = np.arange(sides), (np.arange(sides) + 1) % sides
+    strip = np.concatenate(
+        [np.stack(each, axis=1) for each in ((k, after, after + sides), (k, after + sides, k + sides))]
     )
-    faces = side + 2 * _SIDES * np.arange(len(lines))[:, None, None]
+    faces = strip + 2 * sides * np.arange(len(lines))[:, None, None]
     used = np.unique(lines)
     joints = balls(points[used], radius)
     first = vertices.size // 3
@@ -82,5 +93,5 @@ def rods(points: Float64, lines: Int64, radius: float) -> tuple[Float64, Int64, 
         np.concatenate([vertices.reshape(-1, 3), joints[0]]),
         np.concatenate([faces.reshape(-1, 3), joints[1] + first]),
         np.concatenate([np.broadcast_to(out[:, None], vertices.shape).reshape(-1, 3), joints[2]]),
-        np.concatenate([np.repeat(lines.reshape(-1), _SIDES), used[joints[3]]]),
+        np.concatenate([np.repeat(lines.reshape(-1), sides), used[joints[3]]]),
     )

@@ -1,12 +1,12 @@
-"""Render by many processes and machines, on Dask distributed (`pip install "glpath[cluster]"`).
+"""Distributed rendering on many processes and machines, by Dask distributed (`pip install "glpath[cluster]"`).
 
-    with Cluster("local:4") as cluster:                    # or "tls://scheduler:8786": `connection`
+    with Cluster("local:4") as cluster:                    # or "tls://scheduler:8786"; see `connection`
         film = glpath.render("cornell-box", spp=4096, cluster=cluster)
 
 The film is bit-identical to that of one process if all devices are of one kind. The scene and a radiosity solution
 are sent to each worker once. Path sets are sent in chunks of some seconds (`chunks`), and their films are merged as
-they arrive. If a worker is lost, others render its chunks again. A chunk that fails everywhere is reported at the
-end, with a film of all others.
+they arrive. If a worker is lost, others render its chunks again. A chunk that fails on every worker is reported at
+the end, with the film of the other chunks.
 
 Cost:     start of Python, a context and shaders for each worker; network transfer of a film's sums for each chunk,
           24 bytes per pixel and batch of path sets.

@@ -275,7 +275,7 @@ def _client(distributed: Any, kind: dict[str, str]) -> Any:
 
 
 def _address_in(path: str) -> str:
-    """Return the scheduler's address from its file. Raises UsageError for another file."""
+    """Return the address in a scheduler file. Raises UsageError for any other file, ContextError if unreadable."""
     if not os.path.isfile(path):
         raise UsageError(f"cluster {path}: is not a file.", "Name the file of dask scheduler --scheduler-file.")
     try:

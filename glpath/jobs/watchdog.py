@@ -73,7 +73,7 @@ while silent < limit:
 try:
     if select.select([], [2], [], 1.0)[1]:  # a write to a full pipe would block
         os.write(2, message.encode(errors="replace"))
-except OSError:  # full, closed or disconnected: the render hangs nevertheless
+except OSError:  # stderr is full, closed or disconnected; the hung render is killed all the same
     pass
 for number in (signal.SIGABRT, signal.SIGABRT, signal.SIGKILL):  # the first may wait until its stack trace is read
     os.kill(watched, number)

@@ -373,7 +373,10 @@ def _emitting_sides(scene: Scene) -> tuple[_Side, ...]:
 
 
 def _on_spheres(spheres: Float64, u: Float64) -> tuple[Float64, Float64, Float64, Float64]:
-    """Return a point of each sphere (N, 3, 4) for u (N, 2).
+    """Sample one point on each sphere.
+
+    spheres : (N, 3, 4) world_from_unit_sphere
+    u       : (N, 2) random numbers in [0, 1)
 
     Returns positions, unit normals of the front, densities per area, and the same points on the unit sphere (N, 3).
     """

@@ -123,7 +123,7 @@ class RadiositySolution:
 
     @cached_property
     def _corners(self) -> Float64:
-        """Direct and indirect irradiance (2, 2, E, 3, 3) at the corners of the elements' fronts and backs."""
+        """Irradiance (2, 2, E, 3, 3) at corners: direct or indirect, front or back, element, corner, channel."""
         parts = zip(self.vertices.astype(np.float64), self.elements.astype(np.float64), strict=True)
         return np.stack([interpolate(self._vertices_of, self.leaf, *part) for part in parts])
 

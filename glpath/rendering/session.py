@@ -347,7 +347,7 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
 
 
 def is_transparent(job: RenderJob, scene: Scene) -> bool:
-    """Return True if images of the job's film have a transparent background; False for points."""
+    """Return True if the job's images have a transparent background, which needs the AOV depth."""
     wanted = scene.background is not None and scene.background.transparent
     return wanted and "depth" in job.integrator.aovs
 

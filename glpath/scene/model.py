@@ -63,10 +63,10 @@ class Light:
     """Punctual light. Shapes with an emission are lights too, but are not represented by this class.
 
     kind      : "point", "spot" (a point with a cone) or "directional" (infinitely far)
-    intensity : (3,) float64, linear Rec. 709, in the unit of the scene: intensity in W sr^-1 or cd, of a spot on
-                its axis. With falloff "none", and for a directional light: irradiance in W m^-2 or lx on a surface
-                that faces it. With a profile: factor by which the profile's candela values are multiplied, 1 in a
-                photometric scene, 1 / `glpath.film.units.EFFICACY` in a radiometric one
+    intensity : (3,) float64, linear Rec. 709, in the unit of the scene. Point: intensity in W sr^-1 or cd. Spot:
+                intensity along its axis. Directional, or falloff "none": irradiance in W m^-2 or lx on a surface
+                that faces the light. Profile: factor of the profile's candela values, 1 in a photometric scene,
+                1 / `glpath.film.units.EFFICACY` in a radiometric one
     position  : (3,) float64; without meaning for a directional light
     direction : (3,) float64 unit, direction of light travel. For a point light with a profile, direction of gamma =
                 0; without meaning for a point light without a profile

@@ -52,7 +52,7 @@ class _Shortened(reprlib.Repr):
 
 
 def short_repr(value: object) -> str:
-    """Return the value as in Python, on one line and shortened if it is long, for a message."""
+    """Return the value's `repr` for a message, on one line and shortened if it is long."""
     return " ".join(_Shortened().repr(value).split())
 
 
@@ -87,7 +87,7 @@ def checked(function: Function, namespace: Mapping[str, Any] | None = None) -> F
                 setattr(function, name, classmethod(checked(member.__func__)))
         return typing.cast("Function", function)
 
-    @functools.cache  # later than the definition, when all names of the module exist
+    @functools.cache  # evaluated at the first call, when all names of the module exist
     def parameters() -> _Parameters:
         names = ChainMap(inspect.unwrap(function).__globals__, dict(namespace or {}))
         return _Parameters.of(inspect.signature(function), names)
@@ -288,9 +288,9 @@ _NAMED: Mapping[str, _Type] = {
 
 
 def types_of(annotation: Any, namespace: Mapping[str, Any]) -> tuple[_Type, ...] | None:
-    """Return the types that an annotation allows; None if it allows any, or if it is no text.
+    """Return the types that an annotation allows; None if it allows any type or is not a str.
 
-    namespace : values of names; a name without a value is the name of a class
+    namespace : objects that the annotation's names refer to; any other name is taken as the name of a class
     """
     if not isinstance(annotation, str):
         return None

@@ -24,7 +24,7 @@ log = logging.getLogger("glpath")
 
 @dataclass
 class CheckpointFile(Locked):
-    """Checkpoint file and its schedule; the owner of the work calls it when a step is done.
+    """Checkpoint file and its schedule; the computation calls `written_by` after each step.
 
     As a `with` block, it locks the file against other processes, or raises GlpathError with the name of the holder.
 

@@ -327,7 +327,7 @@ def _locked(path: Path) -> int | None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Flush the entry of a new file to disk, if the system supports it."""
+    """Flush a folder to disk, so that the entry of a new file survives a crash; do nothing if unsupported."""
     if not hasattr(os, "O_DIRECTORY"):
         return
     with suppress(PermissionError):  # the folder is writable but not readable

@@ -41,7 +41,7 @@ def pipe_or_terminal(stream: IO[str] | None) -> int | None:
 
 
 def write_report(descriptor: int, data: bytes) -> None:
-    """Write a report to a file, and drop the rest of it if a pipe, socket or terminal takes no more.
+    """Write a report to a descriptor; drop the rest of the report if a pipe, socket or terminal accepts no more.
 
     Raises OSError as `os.write`.
     """

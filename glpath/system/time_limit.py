@@ -1,4 +1,4 @@
-"""Time limit of a command or call, which all long work before the first path set checks.
+"""Time limit of a command or call. All long work before the first path set checks it.
 
     with limited(2.0):
         ...
@@ -174,7 +174,7 @@ def _set(limit: _Limit | None) -> Iterator[None]:
 
 
 def count_earlier(seconds: float) -> None:
-    """Count the seconds that an earlier run, which this run resumes, has used of the limit."""
+    """Subtract from the time limit the seconds that an earlier run, which this run resumes, has used."""
     limit = _limit.get()
     if limit is not None:
         limit.ends -= seconds

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glpath import SceneError, SceneWarning, load_scene
-from glpath.io.strokes import balls, point_radius
+from glpath.io.strokes import balls, point_radius, rods
 from glpath.scene.model import Mesh
 
 CLOUD = """ply
@@ -92,6 +92,18 @@ def test_balls_touch_where_points_lie_in_a_grid():
     assert np.linalg.norm(vertices - grid[of], axis=1) == pytest.approx(0.5)
     assert np.allclose(0.5 * normals, vertices - grid[of])
     assert faces.max() == len(vertices) - 1
+
+
+def test_many_points_and_lines_have_few_triangles_with_their_fronts_outside():
+    points = np.column_stack([2.0 * np.arange(30_000), np.zeros((30_000, 2))])
+    lines = np.column_stack([np.arange(29_999), np.arange(1, 30_000)])
+    for vertices, faces, normals, _ in (balls(points, 0.5), rods(points, lines, 0.5)):
+        corners = vertices[faces]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        assert np.all(np.einsum("fi,fi->f", across, normals[faces].sum(axis=1)) > 0)
+        assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
+    assert len(balls(points, 0.5)[1]) == 8 * 30_000
+    assert len(rods(points, lines, 0.5)[1]) == 8 * 29_999 + 8 * 30_000
 
 
 @pytest.mark.filterwarnings("ignore:.*no camera")

@@ -22,7 +22,7 @@ ALWAYS_DECODED_BYTES = 2**30
 MAX_DECODED_RATIO = 512
 #: Maximum triangles of all instances together; their vertices have 32-bit indices.
 MAX_TRIANGLES = 2**28
-#: Triangles of all instances that are allowed for a file of any size. They take 1 GB.
+#: Number of triangles of all instances that every file may have, however small it is. They take 1 GB.
 ALWAYS_TRIANGLES = 2**23
 #: Maximum triangles of all instances per file byte, for models that exceed ALWAYS_TRIANGLES.
 MAX_TRIANGLES_RATIO = 64

@@ -311,8 +311,8 @@ class _Shapes:
         self.flat: dict[tuple[Mesh, bytes], Mesh] = {}  # flattened meshes, by original mesh and axis
         self.groups: dict[tuple[Mesh, int, int], _Group] = {}
         self.parts: dict[int, list[_Part]] = {}  # by mesh index
-        #: Groups of all primitives of one mesh. The key is the mesh index, and True for mirrored instances. A mesh
-        #: that is built for a single node has the index -1 - (node index) instead.
+        #: Groups of each mesh's primitives, by (mesh index, is mirrored). A mesh that is built for a single node
+        #: has -1 - (node index) as its index.
         self.wholes: dict[tuple[int, bool], dict[tuple[Mesh, int, int], _Group]] = {}
         determinant, size = _stretch(nodes.world[:, :3, :3])
         self._flat = (~(np.abs(determinant) > _FLAT * size)).tolist()
@@ -555,7 +555,7 @@ class _Shapes:
         """Make one-sided materials two-sided on closed meshes whose inside is visible.
 
         The inside is visible through cut-out holes and through surfaces that transmit light. glTF viewers cull the
-        far wall there.
+        backs there, so that what is behind them is visible; one-sided backs would be black here.
         """
         surfaces = self.surfaces.surfaces
         seen: dict[int, list[_Group]] = {}  # by surface index

@@ -1,4 +1,4 @@
-"""Options and statistics of the search for candidates in `Visibility` [SC]."""
+"""Options and statistics of shaft culling [SC], which finds the surfaces that may block a view."""
 
 from __future__ import annotations
 

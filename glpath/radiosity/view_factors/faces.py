@@ -351,7 +351,7 @@ class Geometry:
         else:
             joined, of_row = outlines, np.array(rows)
         walls, _ = merged(vertices, outlines, [0] * len(outlines), size)
-        # One of a sheet's two sides is enough, because either side occludes.
+        # Keep one of two walls with the same vertices, because either side of a thin sheet occludes.
         walls = list({frozenset(wall): wall for wall in walls}.values())
         plain = polygons_of(vertices, joined)
         bvh = build_bvh(plain.boxes[:, :3], plain.boxes[:, 3:], leaf_size=1)
