@@ -7,13 +7,15 @@ import sys
 
 
 def main() -> None:
-    """Run the command. An interrupt while its modules load ends it without a traceback, as one later does.
+    """Run the command line, and report Ctrl-C without a traceback, even while modules are loading.
 
-    A scheduler's signal ends it with the exit code of a command that is started again, if it can resume.
+    With --checkpoint or --resume, a scheduler's signal while modules are loading ends the process with exit code
+    75. This code means that the command is to be started again.
     """
     try:
         _open_standard_streams()
-        # Workers of a cluster start by `python -c`, which would import modules from the current folder first.
+        # Workers of a cluster start by `python -c`. Without this variable, they would import modules from the
+        # current folder first.
         os.environ.setdefault("PYTHONSAFEPATH", "1")
         from glpath.cli.signals import asks_to_resume, resume_later_while_loading
 
@@ -31,7 +33,7 @@ def main() -> None:
 def _open_standard_streams() -> None:
     """Open the null device for standard streams that are closed.
 
-    If standard error stayed closed, the next opened file would get its descriptor, and drivers would write messages
+    If standard error stayed closed, the next opened file would get descriptor 2, and drivers would write messages
     into that file.
     """
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:

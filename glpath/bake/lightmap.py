@@ -57,14 +57,15 @@ DEFAULT_SIZE = 512
 #: Minimum and maximum texels per scene unit. Beyond them, the square of the density times an area leaves the range
 #: of floats.
 DENSITIES = 1e-18, 1e18
-#: Samples per texel before denoising; with half as many, the denoiser leaves visible blotches (`room`).
+#: Default samples per texel of a bake that is denoised. With half as many, the denoiser leaves visible blotches in
+#: the scene `room`.
 DENOISED_SPP = 128
-#: Longer side of a page shown in a notebook, pixels.
+#: Maximum side of a page's preview in a notebook, pixels.
 _PREVIEW = 1024
-#: Peak memory in bytes per texel for samples, sensor tables, film sums and pages (measured: 1500 for a million
-#: texels, more for fewer).
+#: Assumed peak memory in bytes per texel, for samples, sensor tables, film sums and pages. Measured were 1500 for
+#: a million texels, and more per texel for fewer texels.
 _BYTES = 1400
-#: Minimum fraction of a page that texels fill if charts are as large as the page allows; for the memory estimate.
+#: Minimum fraction of a page that texels fill, assumed by the memory estimate if charts are scaled to fit one page.
 _FILLED = 0.5
 _POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])
 
@@ -78,7 +79,7 @@ class Surfaces:
     texels : N texels; those inside other geometry are not rendered
     inside : (N,) bool, True for texels inside other geometry
     hidden : number of triangle sides without texels, because they are the inside of closed solids
-    streamed : rays against the scene's streams; None if it has none
+    streamed : ray tracer for the scene's streams; None if the scene has no streams
     """
 
     scene: Scene
@@ -98,11 +99,14 @@ class Surfaces:
         say: Callable[[str], None] | None = None,
         geometry_budget: int = GEOMETRY_BUDGET,
     ) -> Surfaces:
-        """Return the texels of a scene; see `lightmap` for the parameters, and `packed` for `say`.
+        """Return the texels of a scene.
 
-        geometry_budget : MiB for triangles of the scene's streams during the test for covered texels
+        texels, size, uv : texel density, page size and source of texture coordinates, as for `lightmap`
+        say              : called with an estimate of the time if the atlas takes more than some seconds
+        geometry_budget  : memory for streamed triangles during the test for covered texels, MiB
 
-        Raises UsageError and SceneError. Warns SceneWarning of streams, which are not baked.
+        Raises UsageError for invalid parameters or too many texels, and SceneError if the scene cannot be baked.
+        Issues a SceneWarning if the scene has streams, because they are not baked.
         """
         check_density(texels, size, uv)
         with named_work("finding the sides that get texels"):
@@ -130,14 +134,19 @@ class Surfaces:
 
     @classmethod
     def on(cls, scene: Scene, atlas: Atlas, sides: Sides, streamed: StreamedRays | None = None) -> Surfaces:
-        """Return the texels of an existing atlas, for a triangulated scene in memory. Raises SceneError."""
+        """Return the texels of an existing atlas. Raises SceneError if no surface is as large as a texel.
+
+        scene    : triangulated scene without streams
+        sides    : sides of the scene's triangles
+        streamed : ray tracer for the streams; None if there are no streams
+        """
         found = rasterised(atlas)
         if not len(found.row):
             raise SceneError(f"{scene.source or scene.name}: no surface is as large as a texel.")
         covered = None if streamed is None else Covered(streamed, sides)
         texels, inside = outside(scene, atlas, found, sides, covered)
         if streamed is not None:
-            streamed.forget()  # frees its memory before the render, which needs the same budget
+            streamed.forget()  # free the tracer's memory, because the render uses the same budget
         return cls(scene, atlas, texels, inside, int(sides.hidden.sum()), streamed)
 
     @property
@@ -146,7 +155,10 @@ class Surfaces:
         return self.scene if self.streamed is None else self.streamed.scene
 
     def sensor(self) -> PointSensor:
-        """Return the rendered texels as points in rows of a square; the rest of the last row is invalid."""
+        """Return a sensor with one point for each rendered texel, in rows of a grid that is nearly square.
+
+        Points that fill up the last row are invalid. Raises SceneError if all texels are inside other geometry.
+        """
         rendered = np.flatnonzero(~self.inside)
         if not len(rendered):
             raise SceneError(f"{self.scene.name}: all texels are inside other geometry.")
@@ -194,7 +206,10 @@ class _Glimpse:
 
 
 def _thumbnail(radiance: NDArray[np.floating[Any]], stops: float) -> bytes:
-    """Return a page (h, w, 3) as .png; a large page is subsampled."""
+    """Return a page of radiance (h, w, 3) as the bytes of a .png of at most `_PREVIEW` pixels along each side.
+
+    stops : exposure; 1 doubles the brightness
+    """
     step = -(-max(radiance.shape[:2]) // _PREVIEW)
     shown = np.clip(radiance[::step, ::step] * 2.0**stops, 0.0, 1.0)
     return encode_png(np.round(255 * encode_srgb(shown)).astype(np.uint8))
@@ -225,9 +240,10 @@ class Lightmap:
 
     @classmethod
     def of(cls, surfaces: Surfaces, film: Film, denoise: bool = False) -> Lightmap:
-        """Return the lightmap of a film of the texels, stitched at seams.
+        """Return the lightmap of a film of the texels, with nearly equal light on both sides of seams.
 
-        A denoiser spreads a little light to dark texels. This light is removed again in `unlit_regions`.
+        denoise : True to denoise the pages. A denoiser spreads a little light to dark texels, so the light is set
+                  to zero again in the regions that `unlit_regions` returns
         """
         pages, baked = surfaces.pages(film)
         lit = np.asarray((pages > 0).any(axis=-1))
@@ -247,9 +263,10 @@ class Lightmap:
         return self.surfaces.atlas
 
     def steps(self) -> NDArray[np.float64]:
-        """Relative difference between the luminances of both charts at points along seams, (K,).
+        """Return (K,) relative differences between the luminances of the two charts at points along seams.
 
-        It is relative to the mean of both, or to a hundredth of the mean of all lit texels if that is larger.
+        Each difference is divided by the larger of two values: the mean of both luminances, and a hundredth of the
+        mean luminance of lit texels.
         """
         a, b = luminance(self.seams.values(self.irradiance).astype(np.float64))
         lit = self.irradiance[lit_texels(self.lit, self.baked)].astype(np.float64)
@@ -258,21 +275,25 @@ class Lightmap:
 
     @property
     def lit_irradiance(self) -> Float32:
-        """Return `irradiance` for statistics: zero for texels whose rendered light is zero."""
+        """Irradiance (P, h, w, 3) for statistics, set to zero at texels whose rendered light is zero."""
         return np.where(self.lit[..., None], self.irradiance, np.float32(0.0))
 
     def quality(self) -> dict[str, Any]:
-        """Return JSON for the files: `denoised`, and `bias` as in `glpath.film.bias.Bias` if it is known."""
+        """Return the quality as a dictionary for JSON: `denoised`, and `bias` if the film's bias was measured.
+
+        The value of `bias` is a dictionary of the fields of `glpath.film.bias.Bias`.
+        """
         bias = self.film.bias()
         return {"denoised": self.denoised} | ({} if bias is None else {"bias": vars(bias)})
 
     def exposure_stops(self, exposure: float | Literal["auto"] | None = None) -> float:
-        """Return the exposure in stops, the same as for a picture that `glpath.render` makes of the scene.
+        """Return the exposure in stops, chosen as for a picture that `glpath.render` makes of the scene.
 
-        exposure : stops; "auto": the camera's view to middle grey, by `auto_exposure`; None: the scene's, or "auto"
+        exposure : number of stops; "auto": exposure that brings the camera's view to middle grey
+                   (`auto_exposure`); None: exposure of the scene, or "auto" if the scene has none
 
-        A scene without a camera gets that of `glpath.render`. Streamed triangles do not count. If the camera sees
-        no light, all lit texels count.
+        A scene without a camera gets the default camera of `glpath.render`. Streamed triangles in view are ignored.
+        If the camera sees no light, "auto" uses all baked texels instead of the view.
 
         Raises UsageError for other values.
         """
@@ -282,7 +303,7 @@ class Lightmap:
 
     @cached_property
     def _auto_stops(self) -> float:
-        """Return the automatic exposure of the camera's view; of all texels if no baked texel in view has light."""
+        """Automatic exposure in stops, of the camera's view; of all baked texels if the view has no baked light."""
         from glpath.bake.files import radiance_of
         from glpath.bake.view import seen_by_camera
 
@@ -304,7 +325,7 @@ class Lightmap:
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, object]:
-        """Return Jupyter's view: the first page, base colour times light, at most 1024 texels, with a caption."""
+        """Return Jupyter's view: an image of the first page, base colour times light, and a line of text."""
         from glpath.bake.files import radiance_of
 
         radiance, _ = radiance_of(self)
@@ -321,15 +342,16 @@ class Lightmap:
         """Write the scene with its light as .glb and return all written files.
 
         path      : file name with the suffix .glb
-        materials : "unlit": textures of base colour times light, plus emission, which every viewer shows
+        materials : "unlit": textures of base colour times light, plus emission. Every viewer shows them
                     (KHR_materials_unlit). "keep": original materials, with TEXCOORD_1 for the light map. Page i is
                     then written beside baked.glb, as irradiance in the unit of the scene (baked-i.lightmap.exr),
-                    and as a linear .png of eight bits. baked-i.lightmap.json has the unit and the range of the
-                    .png. Emission in the .glb has the same unit
+                    and as a linear .png of eight bits. baked-i.lightmap.json has the unit, and the irradiance of
+                    the .png's value 255. Emission in the .glb has the unit of the light map
         exposure  : exposure for "unlit" in stops; 1 doubles the brightness, see `exposure_stops`
         moz       : with "keep", True to store the .png also inside the file, as MOZ_lightmap
 
-        Raises UsageError for another suffix, and ImageError. Warns SceneWarning of features that are left out.
+        Raises UsageError for another suffix, and ImageError if a file cannot be written. Issues a SceneWarning for
+        features of the scene that the file cannot contain.
         """
         from glpath.bake.files import write_kept, write_unlit
 
@@ -434,14 +456,19 @@ class Bake:
         say: Callable[[str], None] | None = None,
         **options: Unpack[IntegratorKeywords],
     ) -> Bake:
-        """Prepare a bake; see `lightmap` for parameters and errors, and `glpath.bake.atlas.packed` for `say`."""
+        """Check the options of a bake, and prepare its texels and its render job.
+
+        say : called with an estimate of the time if the atlas takes more than some seconds
+
+        The other parameters, and the errors, are those of `lightmap`.
+        """
         if denoise:
             require_denoiser()
         denoise = can_denoise() if denoise is None else denoise
         check_density(texels, size, uv)
         if uv == "make":
             require_xatlas()
-        # Check the options with an arbitrary point before the slow work.
+        # Check the integrator's options before the slow work, with a placeholder for the points.
         if integrator != AUTO:
             check_sensor(settings_of(integrator, options), PointSensor.of(_POINT, _UP))
         budget = budget_for(scene, integrator, options)
@@ -457,7 +484,7 @@ class Bake:
         return cls(surfaces, job, seen, denoise)
 
     def film(self, options: RunOptions) -> Film:
-        """Render the film of the texels. Raises the errors of `glpath.rendering.run`."""
+        """Render the film of the texels. Raises the errors of `glpath.render`."""
         return run_job(
             self.job, self.scene, options, pictured=lambda film: cast("Film", _Glimpse(self.surfaces, film))
         )
@@ -468,7 +495,7 @@ class Bake:
 
 
 def check_density(texels: float | None, size: int | None, uv: str) -> None:
-    """Raise UsageError if texel density, page size and uv mode do not fit together."""
+    """Raise UsageError if texel density, page size or uv mode is invalid, or if they contradict each other."""
     check_word("uv", uv, get_args(Uv))
     low, high = DENSITIES
     if texels is not None and not (isinstance(texels, int | float | np.number) and low <= texels <= high):

@@ -1,7 +1,7 @@
 """Path-buffer: z-buffer with a near value per pixel [PB 2].
 
 One scan conversion of the scene along a direction finds, for every origin in the buffer, the nearest surface beyond
-it. One draw of the scene casts many parallel rays, from arbitrary origins.
+that origin. So one draw of the scene casts many parallel rays, from arbitrary origins.
 
 Differences from the paper:
 
@@ -11,7 +11,7 @@ Differences from the paper:
 - *Both hemispheres.* A ray may look along the direction or against it; one scan serves both.
 - *Small triangles.* If triangles touch few cells each, a compute shader scans them, see `gl.small_triangles`.
 - *Four rays a cell.* Up to four rays of one cell use its four layers, the channels of a texel. Further rays are
-lost by collision, without bias: the four survivors represent all rays of the cell [PB appendix B].
+  lost by collision. This causes no bias, because the four survivors represent all rays of the cell [PB appendix B].
 
 Cost:     one draw of the scene per direction for any number of origins; a few passes over origins and cells.
 Poor at:  few origins in a large scene; origins that crowd into few cells.
@@ -44,9 +44,10 @@ MAX_PATHS = 1 << NUMBER_BITS
 #: Maximum bits of a triangle number that is packed with the depth into one 32-bit float. With more bits, the depth
 #: would have too few levels; a first scan then finds the depth and a second the number.
 MAX_PACKED_BITS = 17
-# Bits for a triangle's number: the smallest sufficient value is taken.
+# Possible numbers of bits for a triangle's number; a scene gets the smallest that suffices.
 _ID_BITS = (8, 11, 14, 15, 16, MAX_PACKED_BITS)
-#: Maximum cells per triangle for a compute shader to scan small triangles. Most triangles then touch few cells.
+#: Maximum ratio of cells to triangles at which a compute shader scans small triangles. At such ratios, most
+#: triangles touch few cells.
 SPLIT_CELLS = 16
 _EPOCHS = (1 << 32 - NUMBER_BITS) - 1
 _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
@@ -54,9 +55,10 @@ _NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 
 @dataclass(frozen=True)
 class ScanView:
-    """Views of one scan.
+    """Directions of one scan, and its random values.
 
-    directions : one or two (3,) unit directions, for paths with sign +1; at most as many as the buffer has views
+    directions : one or two (3,) unit directions, at most as many as the buffer has views; a path looks along one of
+                 them or against it
     jitter    : (2,) in [0, 1), offset of the grid of cells, in cells
     seed      : seed that selects which rays survive in a crowded cell
     """
@@ -121,14 +123,14 @@ class PathBuffer(Owner):
 
     Parameters
     ----------
-    gl    : the context
+    gl    : OpenGL context
     scene : scene to scan
     paths : (columns, rows) of the path states; columns * rows <= 2**20
     cells : (columns, rows) of each view; by default, all views together have as many cells as paths
     views : 1, or 2: a scan may then have two directions, and each path takes one of them
     records : table for the streamed triangles that paths hit, see `GeometryStream.records`
-    skips_near : True if a path ignores hits of simplified shapes (`DeviceScene`, deviations) near its start: nearer
-                 than `skipped_share` of `scan_scene` times the shape's deviation
+    skips_near : True if paths ignore hits on simplified shapes near their start. The minimum distance of a hit is
+                 the shape's deviation (`deviations` of `DeviceScene`) times `skipped_share` (of `scan_scene`)
     occlusion : True if scans find only whether a ray hits anything
 
     `cast` is the simple interface, from arrays to arrays. A caller with path states on the device calls
@@ -158,7 +160,7 @@ class PathBuffer(Owner):
         share = views**-0.5
         cells = cells or (max(1, round(share * paths[0])), max(1, round(share * paths[1])))
         self.views = views
-        # The views of a scan lie side by side in one buffer; a single view uses all of it.
+        # The views of a scan lie side by side in one buffer. A scan with one view uses the whole buffer.
         self.cells = cells = (views * cells[0], cells[1])
         count = cells[0] * cells[1]
         self._stream = scene.stream
@@ -175,8 +177,8 @@ class PathBuffer(Owner):
         if occlusion:
             self.defines["OCCLUSION"] = 1
         elif self.packed:
-            # The largest word stays below NOTHING_FOUND. 64 levels stay unused, because the shader's product may
-            # round up.
+            # So many depth levels that the largest packed word, as a float, stays below NOTHING_FOUND. 64 levels
+            # stay unused, because the shader may round a level up.
             self.defines |= {
                 "PACKED": 1,
                 "ID_BITS": self.id_bits,
@@ -190,7 +192,8 @@ class PathBuffer(Owner):
         self._z0 = self._texture(cells, "f4")
         self._position = self._texture(cells, "u4")
         self._found = self._texture(cells, "f4")
-        # The grid is wide and low, because llvmpipe distributes work to its threads in tiles of 64 x 64 texels.
+        # The grid of bounds is wide and low, because llvmpipe distributes work to its threads in tiles of 64 x 64
+        # texels.
         self._grid_size = (min(128, paths[0]), min(8, paths[1]))
         self._grids = [self._texture(self._grid_size, "f4") for _ in range(views)]
         self._bounds = self._texture((views, 1), "f4")
@@ -330,7 +333,8 @@ class PathBuffer(Owner):
         assert 1 <= views <= self.views, f"{views} directions for {self.views} views"
         frames = tuple(tight_frame(d, self.scene.box) for d in view.directions)
         if self._epoch == 0:
-            # Cell heads of other epochs are ignored, so they need to be cleared only after the last epoch.
+            # Each scan has its own epoch. The shaders ignore list heads with another epoch, so heads are cleared
+            # only when all epochs have been used.
             self._epoch = _EPOCHS
             self._heads.write(bytes(4 * self.cells[0] * self.cells[1]))
         self._epoch -= 1
@@ -379,7 +383,8 @@ class PathBuffer(Owner):
     def scan_scene(self, scan: Scan, skipped_share: float = 0.0) -> None:
         """Find the nearest surface beyond z0 of each path: ScanConvertScene [PB table 5].
 
-        skipped_share : factor of a shape's deviation, see `skips_near` of `PathBuffer`
+        skipped_share : with `skips_near`, minimum distance of a hit on a simplified shape, as a multiple of the
+                        shape's deviation
         """
         uniforms = scan.uniforms | {"skipped_share": skipped_share}
         views = len(scan.frames)
@@ -409,13 +414,15 @@ class PathBuffer(Owner):
         return seen
 
     def cast(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> Hits:
-        """Return the exact nearest surface beyond each origin; rays that lost a collision are cast again.
+        """Return the exact nearest surface beyond each origin.
 
         Parameters
         ----------
         origins   : (N, 3), world space; N up to the buffer's number of paths
         direction : (3,), need not be unit
         sign      : (N,) +1 to look along the direction (default), -1 against it
+
+        A cell holds up to four rays of one scan. Rays left out of a crowded cell are scanned again.
 
         A surface nearer than about 2e-6 of the scene's diameter counts as the surface where the ray starts. For a
         steep surface, this distance grows by the depth that the surface spans over 1e-4 of a cell.
@@ -448,7 +455,10 @@ class PathBuffer(Owner):
         return Hits(triangle, t)
 
     def blocked(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> NDArray[np.bool_]:
-        """Return (N,) bool: True if any surface lies beyond the origin. It replaces `cast` with `occlusion`."""
+        """Return (N,) bool, True if any surface lies beyond the origin, for a buffer made with `occlusion`.
+
+        The parameters are those of `cast`, which such a buffer does not have.
+        """
         if not self.occlusion:
             raise UsageError(
                 "path-buffer: blocked is of a buffer that finds only whether anything is hit",
@@ -461,7 +471,7 @@ class PathBuffer(Owner):
     ) -> NDArray[np.int32]:
         """Return (N,) int32: each ray's triangle, PATH_MISSED for a miss; with `self.occlusion`, 0 for any hit.
 
-        Rays whose cell held another ray in a scan are scanned again.
+        A cell holds up to four rays of one scan. Rays left out of a crowded cell are scanned again.
         """
         n = len(start)
         triangle = np.full(n, PATH_MISSED, np.int32)
@@ -485,9 +495,10 @@ class PathBuffer(Owner):
         return triangle
 
     def scan(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> Cells:
-        """Scan the rays of `cast` once, and return the contents of the buffer for inspection.
+        """Scan rays once, and return the contents of the buffer for inspection.
 
-        Rays whose cell held another ray are missing.
+        The parameters are those of `cast`. A cell holds up to four rays. Rays left out of a crowded cell are
+        missing.
         """
         if self.occlusion:
             raise UsageError(

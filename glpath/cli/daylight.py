@@ -337,7 +337,10 @@ def daylight(
 def _computed(
     scene: Scene, at: Points, options: dict[str, Any], checkpoint: DaylightCheckpoint | None, run: RunRequest
 ) -> DaylightCoefficients:
-    """Return the daylight coefficients, after which signals wait until all is saved. Raises KeyboardInterrupt."""
+    """Return the daylight coefficients. Once they exist, signals wait until all outputs are saved.
+
+    Raises KeyboardInterrupt if a signal ends the computation.
+    """
 
     def compute() -> DaylightCoefficients:
         from glpath.daylight.compute import daylight_coefficients
@@ -356,7 +359,7 @@ def _computed(
                 require_gpu=run.require_gpu,
             )
 
-    release()  # signals that waited since an earlier computation
+    release()  # let signals end the command again that have waited since an earlier computation
     return result_of(compute)
 
 

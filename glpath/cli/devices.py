@@ -89,7 +89,7 @@ def _device_table(probes: list[DeviceProbe]) -> Table:
 
 def _print(table: Table) -> None:
     for column in table.columns:
-        column.overflow = "fold"  # the end of a renderer's name distinguishes two devices
+        column.overflow = "fold"  # not cut off, because names of renderers may differ only at the end
     clean_console(markup=False, highlight=False).print(table)
 
 
@@ -177,7 +177,7 @@ def _python() -> Iterator[Finding]:
     yield Finding("Python", "ok" if good else "missing", version, "" if good else "Python 3.11 or newer")
 
 
-# Parts of a requirement in the package metadata, such as `numba<0.69,>=0.61`: name, minimum version, upper limit.
+# Patterns for the name, the minimum version and the upper limit in a requirement such as `numba<0.69,>=0.61`.
 _NAME, _MINIMUM, _LIMIT = (re.compile(text) for text in (r"[\w.-]+", r">=\s*([\d.]+)", r"<\s*([\d.]+)"))
 _OTHER_SYSTEM = re.compile(r"""sys_platform\s*(==|!=)\s*["'](\w+)["']""")
 
@@ -188,7 +188,7 @@ def _is_of_another_system(requirement: str) -> bool:
 
 
 def _packages() -> Iterator[Finding]:
-    """Yield one finding on all requirements in the package's metadata; extras are not needed for rendering."""
+    """Yield one finding on all packages that glpath requires, without those that only its extras require."""
     try:
         required = importlib.metadata.requires("glpath") or []
     except importlib.metadata.PackageNotFoundError:
@@ -235,7 +235,7 @@ for name in sys.argv[1:]:
 
 
 def _not_importable(packages: list[str]) -> dict[str, str]:
-    """Return a text on the error for each installed package whose import fails.
+    """Return the texts of import errors by package; packages without an error are left out.
 
     Imports run in a separate process, because a broken library may kill the process that imports it.
     """
@@ -257,7 +257,7 @@ def _not_importable(packages: list[str]) -> dict[str, str]:
 
 
 def _release(version: str) -> tuple[int, ...]:
-    """Return the leading numbers of a version."""
+    """Return the leading numbers of a version, such as (1, 2) for "1.2rc3"."""
     return tuple(int(number) for number in re.findall(r"\d+", re.match(r"[\d.]*", version)[0]))  # type: ignore[index]
 
 

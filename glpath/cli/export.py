@@ -64,7 +64,8 @@ def export(
 
     Warnings name what the format cannot store, and what replaces it.
     """
-    # --max-depth and --spp apply to .xml outputs alone. If there is none, `check_export` gets and rejects them.
+    # --max-depth and --spp apply to .xml outputs only. Without such an output, they are passed to `check_export`,
+    # which rejects them.
     for_mitsuba = {path: is_for_mitsuba(path) for path in out}
     settings = {
         path: (max_depth, spp) if known or not any(for_mitsuba.values()) else (None, None)

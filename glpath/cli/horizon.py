@@ -230,7 +230,7 @@ def _points(path: Path, classes: str | None) -> NDArray[Any]:
 
 
 def _table(path: Path, option: str, needed: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Return columns of a CSV file by name, as named in its first line. Raises UsageError.
+    """Return columns (N,) of a CSV file, by their names in its first line. Raises UsageError.
 
     option : command line option of the file, for messages
     needed : names of columns that must exist; `optional` columns are returned if they exist
@@ -280,7 +280,7 @@ def _save_picture(path: Path, found: Horizon, values: NDArray[Any], quantity: st
     from glpath.system.files import write_bytes
 
     terrain = found.field
-    # Draw every step-th sample, at most 1024 along a side: a page cannot show more.
+    # Draw only every step-th sample along each side, at most 1024, because a page cannot show more.
     step = max(1, -(-max(values.shape) // 1024))
     x, y = terrain.coordinates()
     dx, dy = terrain.spacing

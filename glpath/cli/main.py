@@ -1,7 +1,7 @@
 """The `glpath` command: handling of errors, warnings and exit codes for all subcommands.
 
-Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted; some commands document others. An error that a user
-can cause is printed as one block without a traceback; a traceback is a bug in glpath.
+Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted; the help of some commands lists more. An error
+that a user can cause is printed as one block without a traceback; a traceback is a bug in glpath.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Commands(TyperGroup):
             self.commands = commands
 
     def make_context(self, info_name: str | None, args: list[str], *given: Any, **more: Any) -> Any:
-        words = list(args)  # the parser removes what it has read
+        words = list(args)  # a copy, because the parser removes the words that it has read
         with _wrong_usage_as_lines():
             context = super().make_context(info_name, args, *given, **more)
         remember_words(context, words)
@@ -112,7 +112,8 @@ def _wrong_usage_as_lines() -> Iterator[None]:
         yield
     except Exception as error:
         # Errors of Click are recognized by a method, because Typer may bundle its own copy of Click.
-        # NoArgsIsHelpError is no mistake: Typer shows the help if a program is called without arguments.
+        # NoArgsIsHelpError is not a mistake of the user. Typer raises it to show the help if a program is called
+        # without arguments.
         if not hasattr(error, "format_message") or type(error).__name__ == "NoArgsIsHelpError":
             raise
         context = getattr(error, "ctx", None)
@@ -201,12 +202,13 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
     threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if not threads:
         os.environ.pop("NUMBA_NUM_THREADS", None)
-    elif not re.fullmatch("0*[1-9][0-9]{0,5}", threads):  # because numba's import would fail
+    elif not re.fullmatch("0*[1-9][0-9]{0,5}", threads):  # numba cannot be imported with such a value
         found = shortened(threads)
         say(f"glpath: error: NUMBA_NUM_THREADS is {found!r}; must be a whole number from 1.\n  Unset it.", err=True)
         raise SystemExit(WRONG_USAGE)
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # A name that cannot be encoded must not end the command; standard error never does so.
+        # Characters that stdout cannot encode are written as escapes, because an error would end the command.
+        # Standard error does this by default.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         with command_clock():
@@ -221,14 +223,14 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
             _end_with(end.code)
         raise
     finally:
-        # Reports that stay in the buffer of stderr would make Python end with code 120.
+        # Replace stderr if it cannot be flushed, because Python would then end with exit code 120.
         if not _takes(sys.stderr):
             sys.stderr = io.StringIO()
 
 
 def run_and_end() -> None:
     """Call `run`, then end the process without Python's shutdown, which takes 0.1 s."""
-    sys.stderr = report_stream(sys.stderr)  # because other packages print to it, too
+    sys.stderr = report_stream(sys.stderr)  # because other packages print to stderr, too
     try:
         run()
     except SystemExit as end:
@@ -257,8 +259,8 @@ def _takes(stream: IO[str] | None, text: str = "") -> bool:
 def _end_with(code: int) -> None:
     """End the process with this exit code, without Python's shutdown.
 
-    After a signal, only this sets the code: `python -m` ends as if killed by SIGINT if a KeyboardInterrupt has
-    passed through generated code, such as a dataclass method, even if it was caught.
+    After a signal, `sys.exit` could not set the code of `python -m`. It ends as if killed by SIGINT if a caught
+    KeyboardInterrupt has passed through generated code, such as a dataclass method.
     """
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):

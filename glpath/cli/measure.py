@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 _POINTS = "Points"
 _RECEIVERS = ("plane", "cylinder")
-# Maximum deviation of the illuminance on open ground from 100 lx, which --daylight-factor requires; lx.
+# Maximum deviation, in lx, from the 100 lx on open ground that --daylight-factor requires.
 _OFF = 2.0
 #: Suffixes of files with false colours.
 _COLOURED = (".html", ".png", ".glb")

@@ -59,7 +59,7 @@ class _SparingConversion:
 
 
 def _check_digits(value: Any, kind: Any, param: Any, ctx: Any) -> None:
-    """Raise BadParameter for numbers that Typer accepts with non-ASCII digits, underscores or too many digits."""
+    """Raise BadParameter for non-ASCII digits, underscores or too many digits, which Typer accepts in a number."""
     read = whole if kind is int else real if kind is float else None
     if read is None:
         return

@@ -32,7 +32,7 @@ AXES = "xyz"
 MAX_POINTS = 4_000_000
 #: Maximum number of characters in a line of a table.
 MAX_LINE = 65_536
-# Maximum number of characters of the columns that an error lists.
+# Maximum length of the list of column names in an error, characters.
 _SHOWN = 200
 #: Suffixes of the output formats.
 WRITABLE = (".csv", ".npz", ".html", ".png", ".glb", ".vtp")
@@ -147,10 +147,10 @@ def grid_of(
     margin: float = 0.0,
     normal: Vector | None = None,
 ) -> Points:
-    """Return the points of --plane, --spacing, --area, --margin and --normal. Raises UsageError.
+    """Return a grid of points from the values of --plane, --spacing, --area, --margin and --normal.
 
-    Points are centres of cells: as many square cells of that spacing as fit, or the cells of EN 12464-1, which fill
-    the area.
+    Points are centres of cells. A spacing in scene units gives square cells, as many as fit into the area. The
+    spacing of EN 12464-1 gives cells that fill the area. Raises UsageError.
     """
     name, _, height_text = plane.partition("=")
     down = name.startswith("-")
@@ -195,7 +195,7 @@ def grid_of(
             "Take a wider one, or a smaller --area.",
         )
     columns, rows = (int(n) for n in counts)
-    # The cells are centred in the area: strips left over at opposite edges have equal width.
+    # The cells are centred in the area, so strips left over at opposite edges have equal width.
     start = lower + 0.5 * (size - counts * step) + 0.5 * step
     u, v = (start[i] + step[i] * np.arange(n) for i, n in enumerate((columns, rows)))
     u, v = np.meshgrid(u, v)
@@ -246,7 +246,7 @@ def _at(x: float) -> str:
 
 
 def _apart(spacing: str) -> float:
-    """Return the number of --spacing UNITS. Raises UsageError."""
+    """Return the value of --spacing in scene units. Raises UsageError unless it is a number above 0."""
     try:
         value = real(spacing)
     except ValueError:
@@ -257,15 +257,16 @@ def _apart(spacing: str) -> float:
 
 
 def read_points(path: Path, normal: Vector | None) -> Points:
-    """Read points from a table of x, y, z and nx, ny, nz, with a header or in this order; # begins a comment.
+    """Read points from a table with the columns x, y, z and nx, ny, nz, or from a honeybee model.
 
-    path   : file of values separated by commas, semicolons, tabs or blanks, as spreadsheets and Radiance write
-             them; a comma is a decimal comma if it separates no values and no number has a decimal point
-    normal : normal of all points if the file has no normals
+    path   : table with values separated by commas, semicolons, tabs or blanks; - for standard input. Or
+             FILE.hbjson#GRID for one sensor grid of a honeybee model, FILE.hbjson for all its sensor grids
+    normal : normal of all points if the table has no normals; otherwise None
+
+    Columns have the order above, unless the first line names them. Lines that begin with # are comments. Commas are
+    decimal commas if they do not separate values and no number has a decimal point.
 
     Raises UsageError that names the faulty line.
-
-    FILE.hbjson#GRID selects one sensor grid of a honeybee model, FILE.hbjson all of its sensor grids.
     """
     file, _, grid = str(path).partition("#")
     if file.lower().endswith(".hbjson"):
@@ -342,7 +343,10 @@ def _text(path: Path) -> str:
 
 
 def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
-    """Return (line number, cells) of each line except empty lines and comments, with periods for decimal commas."""
+    """Return (line number, cells) of each line that is neither empty nor a comment.
+
+    Decimal commas in the cells are replaced by decimal points. Raises UsageError.
+    """
     lines = [(i, line) for i, line in enumerate(text.splitlines(), start=1) if line.strip(' \t,;"')]
     lines = [(i, line) for i, line in lines if not line.lstrip().startswith("#")]
     for number, line in lines:
@@ -361,7 +365,7 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
         delimiter = " "
     rest = "\n".join(line for _, line in lines)
     decimal_commas = delimiter != "," and not re.search(r"\d\.|\.\d", rest)
-    ends = first.rstrip(" ").endswith(delimiter)  # Radiance ends lines with a tab
+    ends = first.rstrip(" ").endswith(delimiter)  # True for Radiance, which ends each line with a tab
     found = []
     try:
         for number, line in lines:
@@ -369,7 +373,7 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
             cells = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter))
             cells = [cell.strip() for cell in cells]
             if delimiter == "\t" and any(" " in cell for cell in cells) and all(map(_NUMBER.match, line.split())):
-                cells = line.split()  # blanks between coordinates, and a tab between point and normal
+                cells = line.split()  # blanks separate coordinates, a tab separates point and normal
             if ends:
                 cells = cells[:-1] if not cells[-1] else cells
             if decimal_commas:
@@ -418,7 +422,7 @@ def save_csv(path: Path, at: Points, found: Irradiance) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    # Positions are written with all digits, because those of a georeferenced model need many.
+    # Positions get all digits, because coordinates of a georeferenced model are large.
     digits = [15 if name in _POINT else 9 for name in columns]
     writer.writerows(
         [f"{value:.{n}g}" for value, n in zip(row, digits, strict=True)]
@@ -430,8 +434,8 @@ def save_csv(path: Path, at: Points, found: Irradiance) -> None:
 def save_npz(path: Path, at: Points, found: Irradiance) -> None:
     """Write arrays: (N, 3) points, normals, irradiance, standard_errors, and (N,) illuminance, illuminance_errors.
 
-    `unit` is that of irradiance: "W m^-2" or "lx". Arrays of a grid have the shape (rows, columns, ...). Raises
-    ImageError if the file cannot be written.
+    The array `unit` holds the unit of irradiance, "W m^-2" or "lx". For a grid of points, arrays have the shape
+    (rows, columns, ...) instead of (N, ...). Raises ImageError if the file cannot be written.
     """
     shape = at.grid.shape if at.grid is not None else (len(at.points),)
     arrays: dict[str, Any] = {
@@ -448,6 +452,6 @@ def save_npz(path: Path, at: Points, found: Irradiance) -> None:
 
 
 def check_kind(path: Path) -> None:
-    """Raise ImageError if no output format has this suffix; - means CSV on stdout."""
+    """Raise ImageError if the suffix of an output is not in `WRITABLE`; the path - (CSV on stdout) is allowed."""
     if not is_stream(path) and path.suffix.lower() not in WRITABLE:
         raise ImageError(f"{path}: cannot be written.", f"Files end in {', '.join(WRITABLE)}.")

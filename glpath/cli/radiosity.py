@@ -210,7 +210,8 @@ def radiosity(
         if checkpoint is not None and by_scheduler():
             if checkpoint.failure is not None:
                 rescue = checkpoint.rescue
-                if solution is not None and not rescue:  # a step was changing the state, or all is solved
+                # The checkpoint has rescued nothing if the signal came during a step or after the last one.
+                if solution is not None and not rescue:
                     rescue = rescued({"solution.npz": solution.save}, _RESCUE)
                 raise ImageError(checkpoint.failure, rescue)
             say(f"glpath: ended by a signal: --resume continues from {checkpoint.path}", err=True)
@@ -223,7 +224,7 @@ def radiosity(
         if check and solution is not None:
             from glpath.rendering import element_error
 
-            release()  # the solution is saved
+            release()  # signals may end the check, because the solution is saved
             found = result_of(lambda: element_error(loaded, solution))
             say(json.dumps(found.recorded()) if run.progress == "json" else str(found), err=True)
         if checkpoint is not None:
@@ -231,7 +232,10 @@ def radiosity(
 
 
 def _checkpoint(out: Sequence[Path], run: RunRequest) -> SolverCheckpoint | None:
-    """Return the requested checkpoint, or None. Raises GlpathError if it cannot be written or is an output."""
+    """Return the checkpoint of --checkpoint or --resume; None without these options.
+
+    Raises GlpathError if the checkpoint cannot be written, or has the path of an output.
+    """
     from glpath.jobs.checkpoint import checkpoint_path
     from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
 
@@ -244,7 +248,7 @@ def _checkpoint(out: Sequence[Path], run: RunRequest) -> SolverCheckpoint | None
 
 
 def _solve(scene: Scene, options: dict[str, Any], mode: str) -> RadiositySolution | None:
-    """Return the solution, partial if it was interrupted; None if there is none."""
+    """Return the solution. After an interruption it is partial, or None if nothing was solved."""
     from glpath.radiosity import RadiosityInterrupted, solve_radiosity
 
     try:
@@ -268,7 +272,7 @@ def _is_glb(path: Path) -> bool:
 
 
 def _check_suffix(path: Path) -> None:
-    """Raise UsageError if no output format has this suffix."""
+    """Raise UsageError unless the output is .npz or .glb."""
     if not _is_glb(path) and path.suffix.lower() != ".npz":
         raise UsageError(
             f"{path}: a radiosity solution is written as .npz, or as .glb with vertex colours.",
@@ -277,7 +281,7 @@ def _check_suffix(path: Path) -> None:
 
 
 def _check_solved(context: typer.Context, solution: Path) -> None:
-    """Raise UsageError if solver options were typed beside --radiosity, whose solution is solved already."""
+    """Raise UsageError for options of the solver, because --radiosity names a solution that is already solved."""
     for option in context.command.params:
         assert option.name is not None, "options have names"
         # The source is compared by name below, because Typer may bundle its own copy of Click.

@@ -202,7 +202,8 @@ def render(
         loaded = scenes.at(many.first) if frames is not None and many is not None else scenes.at()
         options = {"integrator": integrator, "spp": run.options().spp(spp), **first, **options}
         asked = running.job_of_scene(loaded, None if crop is None else read_crop(crop), options)
-        # A stored film may later be denoised, after merging or resuming on a machine that has a denoiser.
+        # A stored film gets the AOVs for a denoiser even if none is installed here. It may be denoised later, after
+        # merging or resuming on another machine.
         holds_guides = asked.integrator.noisy and picture.denoise is not False
         picture = picture.of_film(asked.integrator.noisy, out)
         if (picture.denoise or run.clean is not None) and not asked.integrator.noisy:

@@ -1,11 +1,12 @@
-"""Handling of signals that end a command (SIGINT, SIGTERM, SIGHUP, ...): they wait until results are saved.
+"""Handling of signals that end a command (SIGINT, SIGTERM, SIGHUP, ...), so that its results are saved first.
 
-The first signal ends the computation by a KeyboardInterrupt. After it, or after a call of `hold` because a result
-exists, signals wait until the command has saved the result and ended. The third waiting signal ends the command
-without saving. A signal that was ignored when the process started stays ignored, such as SIGHUP under nohup.
+The first signal ends the computation by a KeyboardInterrupt. Further signals wait until the command has saved its
+result and ended. If a result exists already (`hold`), the first signal waits as well. The third waiting signal ends
+the command without saving. A signal that was ignored when the process started stays ignored, such as SIGHUP under
+nohup.
 
-Python drops an exception in some functions that libraries call, such as finalizers. A dropped KeyboardInterrupt is
-raised again after `_AGAIN_S`.
+Python drops exceptions that are raised in some functions, such as finalizers. A dropped KeyboardInterrupt is raised
+again after `_AGAIN_S`.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class _Signals(SignalRecord):
         self.held = False
         self.resumable = False
         self._waiting = 0
-        self.unraisablehook = sys.unraisablehook  # before the command
+        self.unraisablehook = sys.unraisablehook  # hook to restore after the command
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         again = self.first is not None
@@ -82,15 +83,15 @@ _current = _Signals()
 
 
 def asks_to_resume(words: Iterable[str]) -> bool:
-    """Return True if a command line has an option with which a scheduler may start the command again.
+    """Return True if a command line has --checkpoint or --resume, so that a scheduler may start it again.
 
-    The words are known before the modules of the command are loaded, which takes longer than some schedulers wait.
+    Only the words are needed, because loading the command's modules takes longer than some schedulers wait.
     """
     return any(word.partition("=")[0] in ("--checkpoint", "--resume") for word in words)
 
 
 def resume_later_while_loading() -> None:
-    """Let a scheduler's signal end the process with `RESUME_LATER` until `signals_wait_for_results`."""
+    """Let a scheduler's signal end the process with `RESUME_LATER`, until `signals_wait_for_results` is called."""
     for number in TERMINATING:
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, _end_while_loading)
@@ -104,7 +105,10 @@ def _end_while_loading(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def signals_wait_for_results(resumable: bool = False) -> Iterator[None]:
-    """Defer signals within the block until `result_of` has its result. No effect outside the main thread.
+    """Context of a command, in which signals wait while a result is saved. No effect outside the main thread.
+
+    The first signal raises KeyboardInterrupt, unless `hold` or `result_of` has reported a result. Further signals
+    wait until `release` is called or the block ends.
 
     resumable : True if the exit code after a scheduler's signal is `RESUME_LATER`, as after `resume_later`
     """
@@ -119,7 +123,7 @@ def signals_wait_for_results(resumable: bool = False) -> Iterator[None]:
     before = {number: handler for number, handler in before.items() if handler is not signal.SIG_IGN}
     for number, handler in before.items():
         if handler is _end_while_loading:
-            before[number] = signal.SIG_DFL  # after the block all is done
+            before[number] = signal.SIG_DFL  # after the block, nothing is left to resume
     if callable(on_interrupt := signal.getsignal(signal.SIGINT)):
         before[signal.SIGINT] = on_interrupt
     for number in before:
@@ -149,7 +153,7 @@ def release() -> None:
 
 
 def interrupted(number: int = signal.SIGINT) -> None:
-    """Record a signal that other code handled by returning a partial result."""
+    """Record a signal that other code handled by returning a partial result, and let further signals wait."""
     _current.record(number)
     _current.held = True
 
@@ -180,7 +184,7 @@ def forget() -> None:
 
 
 def result_of(compute: Callable[[], T]) -> T:
-    """Return the result of `compute`; from then on signals wait until it is saved."""
+    """Return the result of `compute`. Once the result exists, signals wait until the command has saved it."""
     results: list[T] = []
     try:
         results.append(compute())

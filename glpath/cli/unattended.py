@@ -31,7 +31,7 @@ def checkpointed(
 
     films : True if outputs that end in .npz are films; the first of them is then the checkpoint
 
-    Raises GlpathError.
+    Raises GlpathError if the checkpoint cannot be used, or if two outputs have the same path.
     """
     from glpath.jobs.checkpoint import Checkpoint, checkpoint_path
 

@@ -1,7 +1,7 @@
 """Distances between an image and a reference: numbers, and an image of the difference.
 
-All functions take (H, W, 3) linear Rec. 709 of one shape. `relative_mse` is the measure used in documentation and
-benchmarks.
+All functions take an image and a reference of equal shape (H, W, 3), linear Rec. 709. They raise ImageError for
+arrays of other or differing shapes, and for NaN or infinity. Documentation and benchmarks use `relative_mse`.
 
 Poor at:  separating noise from bias. Compare `mean_ratio` with 1 as well, and look at `difference_image`: noise is
           red and blue mixed, bias is one colour in one region.

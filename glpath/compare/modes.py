@@ -67,7 +67,7 @@ def max_difference_pair(picture: Picture, reference: Picture) -> tuple[Picture, 
 
 
 def default_mode(picture: Picture, reference: Picture) -> Mode:
-    """Return "stat" if both are films with noise, according to their metadata, and "fuzzy" otherwise."""
+    """Return "stat" if the metadata of both images reports noise and neither is denoised; otherwise "fuzzy"."""
     noisy = [side.provenance.get("glpath.noisy") == "true" and not side.denoised for side in (picture, reference)]
     return "stat" if all(noisy) else "fuzzy"
 

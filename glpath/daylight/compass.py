@@ -13,7 +13,8 @@ from glpath.system.arguments import short_repr
 
 Float64 = NDArray[np.float64]
 
-# North for each up axis: y if z is up, and the same direction after the usual rotation of models to y up.
+# Default north by index of the up axis. North is y if z is up. The usual rotation from z-up to y-up turns this
+# direction to -z.
 _NORTH = {0: (0.0, 1.0, 0.0), 1: (0.0, 0.0, -1.0), 2: (0.0, 1.0, 0.0)}
 
 
@@ -28,9 +29,9 @@ class Compass:
     def of(cls, scene: Scene, up: ArrayLike | None = None, north: ArrayLike | None = None) -> Compass:
         """Return the compass of a scene.
 
-        up    : (3,), by default the up of the scene's sky, otherwise that of its camera, rounded to the nearest
-                axis; a sky that was added for lack of lights does not count
-        north : (3,), only its horizontal part counts; by default y if z is up, -z if y is up
+        up    : (3,); None: the sky's up direction, rounded to the nearest axis. The camera's up direction replaces
+                it if the scene has no sky, or a sky that was added for lack of lights
+        north : (3,), of which only the horizontal part is used; None: y if z is up, -z if y is up
 
         Raises UsageError for invalid vectors, and for a north that is vertical.
         """
@@ -59,7 +60,11 @@ class Compass:
         return np.stack([np.cross(north, up), north, up], axis=1)
 
     def directions(self, azimuth: ArrayLike, sin_altitude: ArrayLike) -> Float64:
-        """Return unit vectors (..., 3) for azimuths from north over east, radians, and sines of altitudes."""
+        """Return unit vectors (..., 3) in the scene's coordinates.
+
+        azimuth      : angles from north over east, radians
+        sin_altitude : sines of the altitudes above the horizon
+        """
         sine = np.asarray(sin_altitude, np.float64)
         level = np.sqrt(np.maximum(0.0, 1.0 - sine**2))
         around = np.asarray(azimuth, np.float64)

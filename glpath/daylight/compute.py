@@ -54,10 +54,11 @@ Shares = NDArray[np.float16]
 
 #: Maximum number of directions per patch.
 MAX_SAMPLES = 256
-#: Default number of rays into the sky, of all sensors together; they take some seconds.
+#: Number of rays into the sky, of all sensors together, that the default of `samples` allows. They take some
+#: seconds.
 DEFAULT_RAYS = 100_000_000
-#: Number of directions per sky patch for direct light on elements. A few are enough because errors of elements
-#: average out: each sensor sees many of them.
+#: Number of directions per sky patch for direct light on elements. A few are enough, because each sensor sees many
+#: elements, whose errors average out.
 ELEMENT_SAMPLES = 4
 #: Number of directions to the ground, which is one patch, for direct light on elements.
 ELEMENT_GROUND = 512
@@ -73,8 +74,9 @@ REFINED = 4
 class DaylightProgress:
     """Progress of a computation of daylight coefficients.
 
-    stage     : work that is being done
-    done, total : number of directions, all sensors together; chunks in stage "stream", shards in stage "shards"
+    stage     : name of the current work
+    done, total : number of finished directions and of all directions, each traced from all sensors. In stage
+                  "stream" numbers of chunks, in stage "shards" numbers of shards
     sensors   : number of sensors
     elapsed_s : time since the call, seconds
     """
@@ -143,21 +145,21 @@ def daylight_coefficients(
                   shards into a result that is bit-identical to one computation
     resume      : checkpoint file, from which another call with the same sensors and directions resumes. It is
                   written after each word of directions, or every half minute with a stream, and removed at the end.
-                  With a cluster it is a folder of shards. A `DaylightCheckpoint` is left to its owner to remove
+                  With a cluster it is a folder of shards. If a `DaylightCheckpoint` is given, the caller removes it
     cluster     : workers that share the sensors (`glpath.jobs.cluster.Cluster`); the result is bit-identical
     on_progress : called after each word of 32 directions, or part of a stream, with a `DaylightProgress`
     backend, device, require_gpu : see `glpath.gl.context.open_context`
 
     The bias of reflected light is measured under a sky and a ground of radiance 1 (`indirect.bias`). A SceneWarning
-    is given if it exceeds 1 % of the light in the mean, or 3 % in a block of sensors.
+    is issued if the bias exceeds 1 % of the light in the mean, or 3 % in a block of sensors.
 
     Raises UsageError for invalid options and points, SceneError for a scene in which no ray can be traced, and
     ImageError if the checkpoint belongs to other work. KeyboardInterrupt is raised between two words or parts.
 
     Cost:     0.05 to 0.2 microseconds of a core for each sensor and direction; 4 bytes for each sensor and word of
               32 directions. Reflected light: some seconds for the solution, a microsecond per gather ray, and 8
-              bytes for each element that a sensor sees. Stream: a microsecond of a core for each triangle, once,
-              and rays through each part that they may meet.
+              bytes for each element that a sensor sees. Stream: a microsecond of a core for each triangle, once;
+              and the cost of each ray again for each part of the stream that the ray may meet.
     Poor at:  patches seen through small openings, which need more samples.
 
     >>> found = daylight_coefficients("cornell-box", [[0.0, 0.0, 0.0]], [0.0, 1.0, 0.0], samples=2)
@@ -332,11 +334,12 @@ def _reflecting(
     seed: int,
     flag: Flag,
 ) -> tuple[ReflectingSides, Reflections, Bias]:
-    """Return the elements of a triangulated scene, the reflections between them, and their bias at receivers.
+    """Return the reflecting sides of a triangulated scene, their reflections, and the bias of their light.
 
-    elements : number of elements; None: `DEFAULT_ELEMENTS`, or `REFINED` times as many if their bias is not small
+    elements  : number of elements; None: `DEFAULT_ELEMENTS`, or `REFINED` times as many if their bias is not small
+    receivers : points (N, 3) and axes (N, 3) of the sensors at which the bias is measured, and their kind
 
-    Warns SceneWarning if the bias is too large.
+    Issues a SceneWarning if the bias is too large.
     """
     for factor in (1, REFINED):
         sides = ReflectingSides(scene, DEFAULT_ELEMENTS * factor if elements is None else elements, seed)
@@ -360,7 +363,9 @@ def _reflecting(
 class _Shared:
     """Directions that all sensors share.
 
-    directions, column, weight : (D, 3), (D,) and (D,) arrays, as in `DaylightCoefficients`
+    directions : (D, 3) unit vectors towards the ground, the sky's patches, then the suns
+    column     : (D,) index of the matrix column to which a direction belongs
+    weight     : (D,) solid angle of a direction, steradians; 1 for a sun
     """
 
     directions: Float64
@@ -382,7 +387,12 @@ class _Shared:
         suns: Float64,
         ground: int | None = None,
     ) -> _Shared:
-        """Return directions to the ground, the sky patches and the suns (S, 3)."""
+        """Return directions to the ground, to the sky patches and to the suns.
+
+        samples : number of directions per sky patch
+        suns    : (S, 3) unit vectors
+        ground  : number of directions to the ground; None: the default of `SkyPatches.directions`
+        """
         sky = patches.directions(compass, samples, seed, ground)
         return cls(
             np.concatenate([sky.directions, suns]),
@@ -405,7 +415,14 @@ def _words(
     report: Callable[[int], None],
     flag: Flag,
 ) -> tuple[Words, Shares | None]:
-    """Return visibility words (W, N) and transmittances (W, 32, N), or None if nothing transmits."""
+    """Return visibility words (W, N) and transmittances (W, 32, N) of directions (D, 3), word by word.
+
+    kept : checkpoint; None: no checkpoint
+    key  : hash of the work, which the checkpoint must have
+
+    Transmittances are None if the scene has no thin dielectrics. If `flag` is set, KeyboardInterrupt is raised
+    after the current word.
+    """
     words = -(-len(directions) // WORD)
     found = np.empty((words, rays.count), np.uint32)
     shares = np.zeros((words, WORD, rays.count), np.float16) if rays.transmits else None
@@ -437,7 +454,14 @@ def _words_of_pass(
     report: Callable[[int], None],
     flag: Flag,
 ) -> tuple[Words, Shares | None]:
-    """Return words and transmittances as `_words` does, from one pass over a stream."""
+    """Return visibility words (W, N) and transmittances (W, 32, N) of directions (D, 3), by one pass over a stream.
+
+    kept : checkpoint; None: no checkpoint
+    key  : hash of the work, which the checkpoint must have
+
+    Transmittances are None if the scene has no thin dielectrics. If `flag` is set, KeyboardInterrupt is raised
+    after the current part of the stream.
+    """
     done, found, shares = 0, None, None
     if kept is not None:
         done, found = kept.read(key, (-(-len(directions) // WORD), rays.count))
@@ -464,8 +488,8 @@ def _irradiance(
         return
     shift = path_traceable(scene.still()).origin - scene.origin
     normals = sides.normals.astype(np.float32)
-    # Add direction by direction, which avoids storing all words and transmittances. Directions of a column are
-    # adjacent.
+    # Sum up direction by direction, so that words and transmittances need not be stored. Directions of a column
+    # are adjacent.
     of_column = np.zeros(len(sides), np.float32)
     with PointVisibility(gl, scene, sides.points + shift, sides.normals) as rays:
         for word, seen in enumerate(rays.see_out(like.directions)):

@@ -10,7 +10,8 @@ from glpath.gl.devices import BACKENDS
 from glpath.gl.llvmpipe import TEXELS
 from glpath_docs.markdown import code, table
 
-#: By name: the values, and what it does. A test holds it to what the code reads.
+#: Variables that only glpath defines: allowed values and effect, by name. A test checks that this table and the
+#: next contain exactly the variables that the code accesses.
 GLPATH = {
     "GLPATH_BACKEND": (", ".join(map(code, BACKENDS)), "how OpenGL is opened, where `--backend` does not say it"),
     "GLPATH_DEVICE": ("a number", "a device of `glpath devices`, where `--device` does not say it"),
@@ -19,6 +20,7 @@ GLPATH = {
         "how shaders read textures: as graphics cards or as llvmpipe do best",
     ),
 }
+#: Variables of other programs that the code of glpath accesses: allowed values and effect, by name.
 OTHERS = {
     "LP_NUM_THREADS": (
         "a number",
@@ -51,7 +53,7 @@ OTHERS = {
     "XDG_CACHE_HOME": ("a folder", "where Mesa keeps them without the variable before"),
     "HOME": ("a folder", "where Mesa keeps them without either, in `.cache`"),
 }
-#: Of what glpath is built on: read by others, of use to who runs glpath.
+#: Variables that only libraries read, but that are useful to users of glpath.
 OF_LIBRARIES = {
     "NUMBA_DISABLE_JIT": ("`1`", "kernels run as Python, for a debugger"),
     "GALLIUM_OVERRIDE_CPU_CAPS": ("`nosse` ...", "which of the CPU's instructions llvmpipe uses"),
@@ -59,7 +61,7 @@ OF_LIBRARIES = {
 
 
 def pages() -> dict[str, str]:
-    """The page of variables, by path."""
+    """Return the text of the page of environment variables, by its path in the documentation."""
     rows = [
         (code(name), values, meaning)
         for each in (GLPATH, OTHERS, OF_LIBRARIES)
@@ -74,9 +76,11 @@ def pages() -> dict[str, str]:
 
 
 def read_by(source: str, file: str = "code") -> Iterator[str]:
-    """Names of variables that Python code looks up in `os.environ`, or sets there.
+    """Yield the names of the environment variables that Python code reads or sets.
 
-    Raises ValueError for one whose name the code computes.
+    file : name of the file, for the error
+
+    Raises ValueError if the code computes a name, because the name is then not in the source.
     """
     if "environ" not in source and "getenv" not in source:
         return
@@ -101,7 +105,7 @@ def read_by(source: str, file: str = "code") -> Iterator[str]:
 
 
 def _key(node: ast.AST) -> ast.expr | None:
-    """What a node asks of the environment."""
+    """Return the expression of the variable's name if a node accesses the environment; otherwise None."""
     if isinstance(node, ast.Subscript) and _is_environment(node.value):
         return node.slice
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.args:
@@ -116,7 +120,7 @@ def _is_environment(node: ast.expr) -> bool:
 
 
 def of_package(folder: Path) -> dict[str, list[str]]:
-    """By name: the files of a package that look a variable up."""
+    """Return, by variable name, the files of a package that read or set the variable."""
     found: dict[str, list[str]] = {}
     for path in sorted(folder.rglob("*.py")):
         for name in read_by(path.read_text("utf-8"), str(path)):
