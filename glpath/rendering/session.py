@@ -38,13 +38,14 @@ class Session:
     Data on the device, such as shadow-buffers, are kept for the next job until the end of `with session:`. Sessions
     in several threads take turns, job by job.
 
-    A session is made from the first job and its scene, with its camera. Errors in them are found before a context
-    exists. Raises SceneError for a scene that the engine does not support, ContextError if no device is available.
-    Warns SceneWarning of a scene that is not rendered as intended.
+    The constructor takes the first job and the job's scene, whose camera is that of the job. It finds errors in
+    the job and the scene before it opens a device. Raises SceneError for a scene that the engine does not support,
+    ContextError if no device is available. Warns SceneWarning of a scene that is not rendered as intended.
 
-    options : run options; the device and `timings` apply to all jobs
-    context : existing context, or None
-    plan    : prepared plan of the job's integrator with its bias checked, or None
+    options : run options; their device and `timings` apply to all jobs
+    context : existing context; None: the session opens the device of `options`
+    plan    : prepared plan of the job's integrator, whose bias was checked; None: the session makes a plan, and
+              checks its bias
     """
 
     def __init__(
@@ -74,23 +75,29 @@ class Session:
         self.close()
 
     def close(self) -> None:
-        """Free the data on the device and their memory. The next render makes a new engine."""
+        """Free the engine's data on the device, and return freed memory to the system.
+
+        The next render makes a new engine.
+        """
         engine, self._engine, self._probe = self._engine, None, None
         if engine is not None:
-            # If another thread holds the context, closing fails, and that thread frees the memory. The film must
-            # not be lost.
+            # If another thread keeps the context, entering the context raises ContextError, and that thread frees
+            # the memory later. The error is suppressed, because it would discard a finished film.
             with suppress(ContextError), self._context:
                 engine.close()
                 del engine
                 return_memory()
 
     def render(self, job: RenderJob, scene: Scene, options: RunOptions) -> Film:
-        """Return the film of a job: the first job, then others of the same integrator and resolution.
+        """Render a job and return its film.
 
-        scene : scene of the job, with its camera
+        The first call renders the job of the constructor. Later jobs need the same integrator and resolution.
 
-        Raises RenderInterrupted, and UsageError for another resolution or a film of another render. Raises
-        ContextError if the device fails, TimeLimitError if the time limit is over before the first path set.
+        scene : scene of the job, with the job's camera
+
+        Raises RenderInterrupted after an interrupt, and UsageError for another resolution or a film of another
+        render. Raises ContextError if the device fails, TimeLimitError if the time limit is over before the first
+        path set.
         """
         context = self._context
         context.check()
@@ -113,12 +120,15 @@ class Session:
         return clock.film
 
     def _made_engine(self, job: RenderJob, scene: Scene, clock: Clock) -> Engine:
-        """Return the engine of the prepared plan for a job, with its bias checked."""
+        """Return the engine for a job: the existing one switched to the job, or a new one of the prepared plan.
+
+        The bias of the engine is checked, see `_with_small_bias`.
+        """
         began = time.perf_counter()
         if self._engine is None:
             clock.report("compiling shaders")
-            # A side is at most half of the largest texture, because the two views of a path-buffer's scan lie side
-            # by side.
+            # A tile is at most half as wide and high as the largest texture, because a scan of the path-buffer has
+            # two views side by side.
             self._tiles = cover(job.window, self._context.gl.info["GL_MAX_TEXTURE_SIZE"] // 2)
             with self._context as context, named_work("making the engine"):
                 sensor = sensor_in(self._traced, job.sensor, scene)
@@ -134,7 +144,9 @@ class Session:
     def _with_small_bias(
         self, engine: Engine, clock: Clock, job: RenderJob, scene: Scene, engine_s: float
     ) -> Engine:
-        """Check the bias unless it is known, and return the engine, or another one if the bias is too large.
+        """Return the engine, or an engine of another plan if its bias is too large.
+
+        The bias is not measured again if the film's statistics have it.
 
         engine_s : time to make the engine, seconds
         """
@@ -164,7 +176,10 @@ class Session:
         return settled
 
     def follows(self, job: RenderJob, scene: Scene) -> bool:
-        """Return True if the engine can render this job of the same integrator; the scene has the job's camera."""
+        """Return True if the engine can also render `job`, which must have the session's integrator.
+
+        scene : scene of the job, with the job's camera
+        """
         before = self._job
         same = before.sensor.kind == job.sensor.kind
         return same and (job.integrator.any_scene or not _differs(before, job, scene))
@@ -198,7 +213,7 @@ def remarks_of(plan: Plan, film: Film) -> list[str]:
 
 
 def _differs(before: RenderJob, job: RenderJob, scene: Scene) -> bool:
-    """Return True if a job has another scene than the job before, or other positions of moving shapes."""
+    """Return True if a job has another scene than the job before, or moving shapes and other shutter times."""
     moved = before.sensor.shutter != job.sensor.shutter and any(shape.motion is not None for shape in scene.shapes)
     return moved or job.scene.sha256 != before.scene.sha256
 
@@ -222,12 +237,14 @@ def begin(
     *,
     prepared: bool,
 ) -> Clock:
-    """Return the clock of a render, with the film in `options` if it belongs to this job, otherwise a new film.
+    """Return the clock of a render that resumes the film in `options`, or begins a new film if that is None.
 
     context  : device context; None if workers render the job
-    prepared : True if the plan is prepared; only then the digest of its radiosity solution is known
+    prepared : True if the plan is prepared. Otherwise the digest of its radiosity solution is not known yet, and is
+               not compared with that of the film
 
-    Raises AnotherRenderError, and ContextError if memory for a film cannot be allocated.
+    Raises AnotherRenderError if the film belongs to another render. Raises ContextError if memory for a film cannot
+    be allocated.
     """
     if options.clean is not None:
         _check_denoisable(job)
@@ -255,9 +272,11 @@ def _check_denoisable(job: RenderJob) -> None:
 
 
 def prepare(job: RenderJob, plan: Plan, scene: Scene, traced: Scene, clock: Clock) -> Plan:
-    """Return the prepared plan; the clock reports the work, and the film's metadata are updated.
+    """Prepare the plan, update the metadata of the clock's film, and return the prepared plan.
 
-    Raises RenderInterrupted, and AnotherRenderError.
+    The clock reports the work.
+
+    Raises RenderInterrupted after an interrupt, and AnotherRenderError if the film belongs to another render.
     """
     started = time.perf_counter()
     try:
@@ -281,7 +300,7 @@ def prepare(job: RenderJob, plan: Plan, scene: Scene, traced: Scene, clock: Cloc
 
 
 def describe_plan(film: Film, metadata: FilmMetadata) -> None:
-    """Update a film's metadata with those of the plan that renders it."""
+    """Copy the fields that a plan determines, such as the integrator, from `metadata` to a film's metadata."""
     film.metadata = replace(
         film.metadata,
         integrator=metadata.integrator,
@@ -293,7 +312,7 @@ def describe_plan(film: Film, metadata: FilmMetadata) -> None:
 
 
 def _name_both(film: Film, context: Context) -> None:
-    """Add this device and its versions to the metadata of a resumed film."""
+    """Add this device, its driver and the versions of the libraries to the metadata of a resumed film."""
     held = film.metadata
     film.metadata = replace(
         held,
@@ -320,7 +339,10 @@ def empty_film(metadata: FilmMetadata) -> Film:
 
 
 def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | None) -> FilmMetadata:
-    """Return the metadata of a job's film; the scene has the job's camera. `context` is None for workers."""
+    """Return the metadata of a job's film. The scene must have the job's camera.
+
+    context : device context; None: without device and driver, such as for a render by workers
+    """
     return FilmMetadata(
         scene=scene.name,
         scene_hash=scene.digest(),
@@ -338,8 +360,8 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         aovs=job.integrator.aovs,
         **_names(job, scene),
         **_position_origin(job, scene),
-        # The error is known only for the camera for which the solution was made; a gather at points has other
-        # errors.
+        # The solution's error was estimated for the image of the camera, so it does not apply to a gather at
+        # points.
         solution_error=plan.solution_error() if isinstance(job.sensor, CameraSensor) else None,
         device="" if context is None else context.info.renderer,
         versions=_versions(context),
@@ -347,13 +369,13 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
 
 
 def is_transparent(job: RenderJob, scene: Scene) -> bool:
-    """Return True if the job's images have a transparent background, which needs the AOV depth."""
+    """Return True if the scene's background is transparent, and the job has the AOV depth that this needs."""
     wanted = scene.background is not None and scene.background.transparent
     return wanted and "depth" in job.integrator.aovs
 
 
 def _names(job: RenderJob, scene: Scene) -> dict[str, Any]:
-    """Return the names of shapes and materials if the film has their ids."""
+    """Return the metadata fields with names of shapes and materials; empty if the film has no AOV of ids."""
     if set(ID_AOVS).isdisjoint(job.integrator.aovs):
         return {}
     return {
@@ -364,7 +386,10 @@ def _names(job: RenderJob, scene: Scene) -> dict[str, Any]:
 
 
 def _position_origin(job: RenderJob, scene: Scene) -> dict[str, Any]:
-    """Return the film's field `position_origin`; empty if its positions are relative to the world's origin."""
+    """Return the metadata field `position_origin`.
+
+    The result is empty if the film has no AOV position, or its positions are relative to the world's origin.
+    """
     if "position" not in job.integrator.aovs or not scene.centred.origin.any():
         return {}
     return {"position_origin": tuple(scene.centred.origin.tolist())}

@@ -1,9 +1,9 @@
 """Sample points of a path set, which depend only on a counter (seed, path set, use).
 
-All paths of a set share their directions and their light sample [PB 3.1, 3.3], so a set needs only few numbers,
-from the CPU. By default they are one point of an Owen-scrambled Sobol sequence, whose error falls almost as 1/n
-instead of 1/sqrt(n). The first direction, if its bounce has only one, is a point of an extensible lattice instead.
-`random` gives independent uniform numbers, as in the paper.
+All paths of a set share their directions and their light sample [PB 3.1, 3.3]. So a set needs only few numbers,
+which the CPU computes. By default these numbers are one point of an Owen-scrambled Sobol sequence. The error then
+falls almost as 1/n instead of 1/sqrt(n). If the first bounce has only one direction, that direction can be a point
+of an extensible lattice instead. With `sampling="random"` the numbers are independent and uniform, as in the paper.
 
 Poor at: many dimensions. Later pairs of a Sobol sequence are no better than random for fewer than some thousand
 sets.
@@ -21,15 +21,15 @@ from numpy.typing import NDArray
 from glpath.sampling import Sampling
 from glpath.sampling.sobol import DIMENSIONS, sobol_points, sobol_points_at
 
-# Order of the dimensions: the best dimensions of the sequence go to the first two directions, which vary most.
-# Measured on the Cornell box at 128 sets, this has a fifth less error than with the directions last. A bounce has
-# two directions.
+# Dimensions of the Sobol sequence for the first two bounces, each with two directions of two numbers. These bounces
+# get the best dimensions of the sequence, because the image varies most with their directions. On the Cornell box
+# at 128 sets, the error is a fifth less than if the directions come last.
 _DIRECTIONS = ((0, 1, 4, 5), (2, 3, 6, 7))
 _LIGHT = slice(8, 11)
-_OWN_LIGHT = [8, 9, 10, 4]  # of independent random numbers
+_OWN_LIGHT = [8, 9, 10, 4]  # for sampling "random"; a Sobol sequence has other numbers, see `_make_lights`
 _PIXEL = slice(11, 13)
 _FURTHER_DIRECTIONS = slice(13, 61)
-_SEQUENCE_BOUNCES = 14  # number of bounces with numbers of the sequence
+_SEQUENCE_BOUNCES = 14  # number of bounces whose directions are dimensions of the Sobol sequence
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,9 @@ class PathSetSample:
 
     pixel      : (2,) position in the pixel, x to the right and y down
     light      : (3,) selection of the emitter, and position on it, for a light sample that all paths share
-    own_light  : (4,) the same for light samples of each path, which shifts them, and selection among these samples
-    directions : (at least depth - 1, 2, 2): two points for each bounce
+    own_light  : (4,) for light samples that each path draws separately: selection of the emitter, position on it
+                 (2 numbers), and selection among the samples. Each path shifts these numbers
+    directions : (bounces, 2, 2): two points for each bounce, of two numbers each; at least `max_depth` - 1 bounces
     """
 
     pixel: NDArray[np.float64]
@@ -53,7 +54,7 @@ class PathSetSampler:
 
     Parameters
     ----------
-    seed      : integer >= 0; another seed is another, independent render
+    seed      : integer >= 0; renders with different seeds are independent
     max_depth : maximum number of vertices of a path, as in the paper
     sampling  : "sobol" or "random"
     lattice   : True to take the first direction from a lattice; not with "random"
@@ -65,7 +66,8 @@ class PathSetSampler:
         self.seed = seed
         self.lattice = lattice and sampling == "sobol"
         bounces = max(max_depth - 1, 0)
-        # Always all dimensions of the sequence, so that depths up to 15 share their numbers.
+        # Use all dimensions of the sequence even if fewer are needed, so that renders with different depths up to
+        # 15 have the same numbers.
         self.dimensions = DIMENSIONS + 4 * max(bounces - _SEQUENCE_BOUNCES, 0)
         self.sampling = sampling
         self._chunk = -1
@@ -87,15 +89,16 @@ class PathSetSampler:
         return PathSetSample(u[_PIXEL], u[_LIGHT], self._light_points[index % self._CHUNK], directions)
 
     def time(self, index: int, shutter: tuple[float, float]) -> float:
-        """Return the time of a path set, seconds, which all of its paths share [PB 3.3]."""
+        """Return the time in seconds that all paths of a set share [PB 3.3]."""
         opened, closed = shutter
         return opened if opened == closed else opened + (closed - opened) * float(self.eye(index)[2])
 
     def eye(self, index: int) -> NDArray[np.float64]:
-        """Return (3,) in [0, 1) for a path set's eye: a point of the lens, and the time in the shutter's interval.
+        """Return (3,) numbers in [0, 1) for a path set's eye: position on the lens, and time within the shutter.
 
-        Any 2**k successive path sets whose first index is a multiple of 2**k are evenly distributed in time, over
-        the lens and over both. Their order is shuffled, so that they are independent of the set's other numbers.
+        The numbers of 2**k successive path sets are evenly distributed in time, over the lens, and over both. The
+        first index must be a multiple of 2**k. The order of these numbers is shuffled, so they are independent of
+        the set's other numbers.
         """
         if index // self._CHUNK != self._eye_chunk:
             self._eye_chunk = index // self._CHUNK
@@ -104,7 +107,7 @@ class PathSetSampler:
                 bits = np.random.Philox(key=self.seed, counter=[0, 0, 1, start])
                 self._eye_points = np.random.Generator(bits).random((self._CHUNK, 3))
             else:
-                # The time is the first dimension, whose points are the most even for few points.
+                # The time gets the sequence's first dimension, because its first points are the most even.
                 self._eye_points = self._shuffled(start, 9, 0)[:, [1, 2, 0]]
         return np.asarray(self._eye_points[index % self._CHUNK])
 
@@ -119,25 +122,29 @@ class PathSetSampler:
         return np.concatenate([owen_scrambled(points, keys), *(self._padding(start, b) for b in bounces)], axis=1)
 
     def _make_lights(self, start: int) -> NDArray[np.float64]:
-        """Return (chunk, 4) numbers of the light samples of each path.
+        """Return (chunk, 4) numbers `PathSetSample.own_light`, for light samples that each path draws separately.
 
-        Projections of the sequence's dimensions 8 to 10 onto two dimensions are uneven: under an environment map,
-        the mean of an image would scatter two to three times as much after 256 to 512 path sets. A light sample
-        that all paths share takes them nevertheless: the light that they carry on has half the error if it comes
-        from the same sequence as the shared directions.
+        These numbers have a shuffled sequence of their own, because dimensions 8 to 10 of the main sequence have
+        uneven projections onto two dimensions. With those dimensions, the mean of an image under an environment map
+        would scatter two to three times as much after 256 to 512 path sets.
+
+        A light sample that all paths share has dimensions 8 to 10 nevertheless. The error of indirect light is half
+        as large if shared light samples and shared directions come from the same sequence.
         """
         if self.sampling == "random":
             return self._points[:, _OWN_LIGHT]
         return self._shuffled(start, 16, 0)[:, [2, 0, 1, 3]]
 
     def _padding(self, start: int, bounce: int) -> NDArray[np.float64]:
-        """Return (chunk, 4) numbers of a bounce beyond the sequence's."""
+        """Return (chunk, 4) numbers for a bounce for which the sequence has no more dimensions."""
         return self._shuffled(start, 8, bounce)
 
     def _shuffled(self, start: int, purpose: int, which: int) -> NDArray[np.float64]:
-        """Return (chunk, 4), points of the sequence's first four dimensions in a shuffled order.
+        """Return (chunk, 4) points of the sequence's first four dimensions, in a shuffled order.
 
-        The order is different for each `purpose` and `which`.
+        start : index of the first point, in the shuffled order
+
+        The order is different for each pair of `purpose` and `which`.
 
         Source: Burley 2020, Practical Hash-based Owen Scrambling, section 4.
         """
@@ -156,35 +163,36 @@ _GENERATOR = 17939
 def lattice_point(seed: int, index: int) -> NDArray[np.float64]:
     """Return (2,) in [0, 1): point `index` of an extensible rank-1 lattice, shifted by the seed.
 
-    Any 2**k successive points, of which the first index is a multiple of 2**k, form a lattice.
+    Successive points form a lattice if their number is 2**k and the first index is a multiple of 2**k.
     Source: Hickernell, Hong, L'Ecuyer & Lemieux 2000, Extensible Lattice Sequences for Quasi-Monte Carlo
     Quadrature.
     """
     shift = np.array([counter_hash(seed, axis, 7) for axis in range(2)], np.uint32)
-    # Unsigned integers wrap at 2**32, which corresponds to 1 after the division.
+    # Unsigned integers wrap at 2**32. After the division, the coordinates thus wrap at 1.
     point = _bits_reversed(np.array([index & 0xFFFFFFFF], np.uint32)) * np.array([1, _GENERATOR], np.uint32) + shift
     return np.asarray(point / 2.0**32)
 
 
 def pixel_sample(seed: int, index: int) -> tuple[float, float]:
-    """Return the pixel position of a set whose rays share nothing else: x to the right, y down, in [0, 1).
+    """Return a path set's position in the pixel, for sets without shared directions or light samples.
 
-    Positions are a Sobol sequence: any 2**k successive ones, of which the first index is a multiple of 2**k, fill a
-    grid. They are Owen-scrambled, then shifted digit by digit so that position 0 is the pixel's centre.
+    The position is x to the right and y down, each in [0, 1). The positions are a Sobol sequence, so 2**k of them
+    fill a grid if the first index is a multiple of 2**k. They are Owen-scrambled, then shifted digit by digit so
+    that position 0 is the pixel's centre.
     """
     ((x, y),) = pixel_samples(seed, index, 1)
     return float(x), float(y)
 
 
 def pixel_samples(seed: int, first: int, count: int) -> NDArray[np.float64]:
-    """Return (count, 2), the positions of `pixel_sample` from index `first` on.
+    """Return (count, 2) positions in the pixel: results of `pixel_sample` for `count` indices from `first` on.
 
     count : power of two up to 4096 that divides `first`
     """
     block, index_in_block = divmod(first, _PIXEL_SAMPLES)
     found = _pixel_samples(seed)[index_in_block : index_in_block + count]
     if block:
-        # Later in a long render, the same grid is shifted by a hash.
+        # Each later block repeats the positions of the first block, shifted by a hash of the block's index.
         found = (found + [counter_hash(seed, block, axis) / 2**32 for axis in range(2)]) % 1.0
     return found
 
@@ -194,7 +202,7 @@ _PIXEL_SAMPLES = 4096
 
 @lru_cache(maxsize=4)
 def _pixel_samples(seed: int) -> NDArray[np.float64]:
-    """Return (4096, 2), the first positions of `pixel_sample`."""
+    """Return (4096, 2) positions in the pixel: the results of `pixel_sample` for the first 4096 indices."""
     keys = np.random.default_rng(seed).integers(0, 2**32, 2, dtype=np.uint32)
     scrambled = _owen(sobol_points(0, _PIXEL_SAMPLES, 2), keys)
     return np.asarray((scrambled ^ scrambled[0] ^ np.uint32(1 << 31)) / 2.0**32)
@@ -203,8 +211,8 @@ def _pixel_samples(seed: int) -> NDArray[np.float64]:
 def owen_scrambled(points: NDArray[np.uint32], keys: NDArray[np.uint32]) -> NDArray[np.float64]:
     """Return (n, d) numbers in [0, 1) from (n, d) 32-bit net points, Owen-scrambled by one key (d,) per dimension.
 
-    Every bit is flipped by a hash of the bits above it. On the Cornell box it has a twentieth less error than
-    scipy's linear scrambling, and fewer bad seeds.
+    A hash of the bits above a bit decides whether the bit is flipped. On the Cornell box this scrambling has a
+    twentieth less error than scipy's linear scrambling, and fewer bad seeds.
     Source: Laine & Karras 2011, Stratified Sampling for Stochastic Transparency; Burley 2020, Practical Hash-based
     Owen Scrambling; constants of Vegdahl 2021.
     """
@@ -239,7 +247,7 @@ def counter_hash(*counter: int) -> int:
 
 
 def concentric_disk(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (2,) a uniform point of the unit disk from u (2,) in [0, 1).
+    """Map u (2,), uniform in [0, 1), to a point (2,) that is uniform in the unit disk.
 
     Source: Shirley & Chiu 1997, A Low Distortion Map Between Disk and Square.
     """
@@ -251,7 +259,7 @@ def concentric_disk(u: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def uniform_hemisphere(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (..., 3) unit vectors with z >= 0, density 1 / (2 pi), from u (..., 2)."""
+    """Map u (..., 2), uniform in [0, 1), to unit vectors (..., 3) with z >= 0 and density 1 / (2 pi)."""
     z = u[..., 0]
     r = np.sqrt(np.maximum(0.0, 1.0 - z * z))
     phi = 2.0 * np.pi * u[..., 1]
@@ -259,7 +267,7 @@ def uniform_hemisphere(u: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def uniform_sphere(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (..., 3) unit vectors, density 1 / (4 pi), from u (..., 2) [PB A.2]."""
+    """Map u (..., 2), uniform in [0, 1), to unit vectors (..., 3) with density 1 / (4 pi) [PB A.2]."""
     z = 1.0 - 2.0 * u[..., 0]
     r = np.sqrt(np.maximum(0.0, 1.0 - z * z))
     phi = 2.0 * np.pi * u[..., 1]

@@ -38,8 +38,8 @@ def camera(
     ----------
     pose       : (4, 4) or (3, 4): matrix from the camera's frame to the world's, without scale
     K          : (3, 3) intrinsics [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], in pixels. The image's corner is (0, 0)
-                 and the centre of its first pixel (0.5, 0.5), as in COLMAP and NeRFs. Add 0.5 to cx and cy of
-                 OpenCV's calibration, which counts from that centre
+                 and the centre of its first pixel (0.5, 0.5), as in COLMAP and NeRFs. OpenCV's calibration counts
+                 from the centre of the first pixel, so add 0.5 to its cx and cy
     resolution : (width, height); None: twice the principal point, rounded
     convention : "opengl": the camera looks along -z, and +y is up in the image, as in Blender and NeRFs; "opencv":
                  it looks along +z, and +y is down, as in COLMAP
@@ -88,7 +88,7 @@ def _camera(pose: Float64, K: Float64, resolution: tuple[int, int], convention: 
 
 
 def _numbers(name: str, given: Any) -> Float64:
-    """Return a float64 array. Raises UsageError if the value is not an array of finite numbers."""
+    """Return `given` as a float64 array. Raises UsageError if it is not an array of finite numbers."""
     try:
         found = np.asarray(given, np.float64)
     except (TypeError, ValueError, OverflowError) as error:
@@ -99,7 +99,7 @@ def _numbers(name: str, given: Any) -> Float64:
 
 
 def _pose(found: Float64, name: str) -> Float64:
-    """Return the pose as (3, 4), a rotation and a translation. Raises UsageError for any other matrix."""
+    """Return the first three rows of a pose. Raises UsageError unless it is a rotation and a translation."""
     if found.shape not in ((4, 4), (3, 4)):
         raise UsageError(f"{name}: of shape {found.shape} where (4, 4) or (3, 4) is needed.")
     turn = found[:3, :3]
@@ -117,7 +117,10 @@ def _pose(found: Float64, name: str) -> Float64:
 
 
 def _intrinsics(given: ArrayLike, resolution: tuple[int, int] | None) -> tuple[Float64, tuple[int, int]]:
-    """Return the intrinsics (3, 3), and the width and height. Raises UsageError for invalid values."""
+    """Return the intrinsics (3, 3), and the image's (width, height). Raises UsageError for invalid values.
+
+    resolution : (width, height); None: twice the principal point, rounded
+    """
     K = _numbers("K", given)
     if K.shape != (3, 3):
         raise UsageError(f"K: of shape {K.shape} where (3, 3) is needed.")

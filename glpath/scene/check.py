@@ -20,15 +20,17 @@ MAX_PIXELS = 2**28
 
 # Opacity up to which a shape counts as invisible.
 _MIN_OPACITY = 0.02
-# Sine of the angle between `up` and the view below which they count as parallel.
+# `up` and the view direction count as parallel if the sine of the angle between them is below this.
 _PARALLEL = 1e-6
 
 
 def check_camera(camera: Camera, source: str | SourceLocation) -> None:
     """Raise SceneError if the camera has no view: no direction, no up vector, no angle or no pixels.
 
-    Cameras changed by hand are checked too (`Scene.with_camera`, `--camera-up`). `source` is the scene's name in
-    messages, or its location.
+    Loading and rendering call this function. So cameras changed by `Scene.with_camera` or `--camera-up` are checked
+    too.
+
+    source : name of the scene in messages, or its location
     """
     scene = SourceLocation(source) if isinstance(source, str) else source
     location = scene.field("camera")
@@ -125,13 +127,13 @@ def _check_pose(camera: Camera | CameraKey, location: SourceLocation) -> None:
 def check_scene(scene: Scene, seen: bool = True) -> list[str]:
     """Return warnings about a scene that can be rendered, but probably not as intended; empty if none apply.
 
-    seen : True to check the camera's view too; False to check only the light
+    seen : False to leave out the camera's position and view, for sensors made of points
     """
     shining = [light for light in scene.lights if np.any(light.intensity > 0)]
     placed = [light for light in shining if light.kind != "directional"]
     around_camera = enclosing(scene, scene.camera.position)
     found = [] if shining else _about_darkness(scene)
-    # A sphere with a light inside is meant as a room.
+    # A shape with a light inside is meant as a room, so a camera inside such a shape causes no warning.
     lit_inside = np.zeros(len(scene.shapes), np.bool_)
     for light in placed:
         check_time()
@@ -165,7 +167,7 @@ def _about_time(scene: Scene) -> list[str]:
 def _about_camera(scene: Scene, around: NDArray[np.intp]) -> list[str]:
     """Return warnings about the camera's position and view.
 
-    around : indices of shapes that enclose the camera, fronts outward, without a light inside
+    around : indices of shapes that enclose the camera, have outward fronts, and have no light inside
     """
     touching = touched_shape(scene)
     if touching is not None:
@@ -180,8 +182,8 @@ def _about_camera(scene: Scene, around: NDArray[np.intp]) -> list[str]:
             f"It stands at {coordinates(scene.camera.position)} and looks at {coordinates(scene.camera.target)}; "
             f"the scene reaches from {coordinates(lower)} to {coordinates(upper)}."
         ]
-    # A mesh whose inside is visible may be meant as a room, and so may a sphere that emits inwards. Neither causes
-    # a warning.
+    # Two kinds of shapes around the camera may be meant as a room, and cause no warning: a mesh whose backs are not
+    # black, and a sphere that emits inwards.
     shapes = [scene.shapes[index] for index in around]
     found = [
         f'The camera stands inside the sphere "{shape.name}" and sees nothing but its inside. '
@@ -275,7 +277,10 @@ def _about_opacity(scene: Scene) -> list[str]:
 
 
 def _max_opacity(scene: Scene, shape: Shape) -> float:
-    """Return the maximum opacity of a shape: the material's, times the maximum alpha of texture and colours."""
+    """Return the maximum opacity of a shape: material opacity times maximum alpha of the texture and the colours.
+
+    With an alpha mask, the result is 0 or 1.
+    """
     material = scene.materials[shape.material]
     if material.alpha == "opaque":
         return 1.0

@@ -1,4 +1,4 @@
-"""Digest of everything that changes the image of a scene, computed from the fields of its dataclasses.
+"""Digest of everything that changes the image of a scene, computed from the fields of the scene's dataclasses.
 
 A new field is included automatically. Fields that do not change the image are listed in `UNSEEN`.
 """
@@ -24,8 +24,8 @@ UNSEEN = {
     "Environment": {"assumed", "solar"},
 }
 
-#: Fields added later, by dataclass name. They are left out at their defaults, so that older scenes keep their
-#: digest.
+#: Fields that a later version added, by dataclass name. A field with its default value is left out of the digest,
+#: so that older scenes keep their digest.
 LATER = {
     "Camera": {
         *("projection", "height", "aperture_radius", "focus_distance", "shutter", "motion"),
@@ -82,7 +82,7 @@ def _add(value: object, update: _Update) -> None:
         dtype = value.dtype if kept else np.dtype("<f8" if value.dtype.kind == "f" else "<i8")
         update(f"array {dtype} {value.shape} ".encode())
         flat = np.ascontiguousarray(value).reshape(-1)
-        for start in range(0, len(flat), _BLOCK):  # a converted copy of a large image would need much memory
+        for start in range(0, len(flat), _BLOCK):  # in blocks, because a converted copy may be large
             update(flat[start : start + _BLOCK].astype(dtype, copy=False).tobytes())
     elif isinstance(value, bool | int | float | np.generic):
         update(b"number" + np.array(value, "<f8").tobytes())

@@ -70,12 +70,13 @@ class Light:
     position  : (3,) float64; without meaning for a directional light
     direction : (3,) float64 unit, direction of light travel. For a point light with a profile, direction of gamma =
                 0; without meaning for a point light without a profile
-    cone      : half angles in degrees of full light and of the edge; light fades between them by `spot_fade`
+    cone      : inner and outer half angle of a spot, degrees. Light is full within the inner angle, and fades to
+                zero at the outer angle by `spot_fade`
     falloff   : "quadratic" (physical) or "none", as in ray tracers of the 1980s
     profile   : intensity of a point light in each direction; None: the same in all directions
     c0        : (3,) float64 unit, perpendicular to `direction`: direction of C = 0 and gamma = 90 degrees of the
                 profile
-    maintenance_factor : factor that `intensity` already contains; None if none was given
+    maintenance_factor : maintenance factor that `intensity` already contains; None if the file gave none
     """
 
     name: str
@@ -95,7 +96,7 @@ class Light:
 class Scene:
     """Scene with everything that a renderer needs, as arrays.
 
-    Jupyter shows it as a preview, made without OpenGL.
+    Jupyter shows a scene as a preview, made without OpenGL.
 
     shapes       : meshes, exact spheres and planes, and their positions
     lights       : punctual lights
@@ -105,9 +106,9 @@ class Scene:
     portals      : openings through which the sky lights an interior, so that fewer sky samples are blocked
     background   : background that the camera sees behind all shapes; None: the sky
     exposure     : stops by which 8-bit images are brightened; None: result of `image.auto_exposure`
-    centred_by   : (3,) float64 origin of a scene that was made by `centred`, see `origin`; None for a scene that
-                   may be far from the origin
-    unit         : unit of all its light, "radiometric" (W) or "photometric" (lm); see `glpath.film.units`
+    centred_by   : (3,) float64 point that `centred` subtracted from all coordinates of this scene; None if the
+                   coordinates are those of the file
+    unit         : unit of all light in the scene, "radiometric" (W) or "photometric" (lm); see `glpath.film.units`
     """
 
     name: str
@@ -169,9 +170,9 @@ class Scene:
 
         The last column is the centre.
 
-        Any affine map is allowed, so ellipsoids too. The front is outside, or inside if the determinant is
-        negative. u follows the longitude about the unit sphere's z axis; v goes from 0 at its south pole to 1 at
-        its north pole.
+        Any affine map is allowed, so a sphere may be an ellipsoid. The front is outside, or inside if the
+        determinant is negative. u follows the longitude about the unit sphere's z axis; v goes from 0 at its south
+        pole to 1 at its north pole.
         """
         return self.shapes.spheres
 
@@ -179,8 +180,8 @@ class Scene:
     def planes(self) -> Float64:
         """Affine maps world_from_plane (P, 3, 4) float64.
 
-        The columns are: the directions in which u and v grow by one (any length, perpendicular), the unit normal
-        out of the front, and the point with u = v = 0.
+        The first two columns are perpendicular vectors of any length, along which u and v grow by one. The third is
+        the unit normal on the front side, and the last is the point with u = v = 0.
         """
         return self.shapes.planes
 
@@ -191,7 +192,7 @@ class Scene:
 
     @property
     def normals(self) -> Float64:
-        """Unit normals (T, 3) float64 of triangles, out of the front."""
+        """Unit normals (T, 3) float64 of triangles, on the front side."""
         return unit_normals(self.triangles)
 
     @property
@@ -205,7 +206,7 @@ class Scene:
 
     @property
     def bounds(self) -> tuple[Float64, Float64]:
-        """Lower corner (3,) and upper corner (3,) of the box around all spheres and triangles, including streams.
+        """Lower corner (3,) and upper corner (3,) of the box around all spheres, triangles and streamed triangles.
 
         Planes are unbounded and do not count. If a scene has only planes, the box contains one point of each plane.
         """
@@ -213,7 +214,7 @@ class Scene:
 
     @property
     def framed_points(self) -> Float64:
-        """Points (N, 3) that must be in the image of a camera that shows the whole scene, see `framing`.
+        """Points (N, 3) that a camera for the whole scene must show, see `framing`.
 
         The points are the vertices of meshes and 26 points of each sphere. If the scene has streams, or nothing but
         planes, the corners of `bounds` are added.
@@ -229,15 +230,15 @@ class Scene:
 
     @property
     def origin(self) -> Float64:
-        """Origin (3,) float64 of all coordinates, in file coordinates; zeros unless `centred` made the scene."""
+        """Position (3,) float64 of this scene's origin in file coordinates; zeros unless `centred` made it."""
         return np.zeros(3) if self.centred_by is None else self.centred_by
 
     @cached_property
     def centred(self) -> Scene:
-        """Scene relative to its `origin`, a point with few digits near its centre, as engines need it.
+        """Scene with coordinates relative to a point near the scene's centre, for engines; see `origin`.
 
-        32-bit floats far from the world's origin are too far apart. If the centre is within four diagonals of the
-        scene's box from the origin, this is the scene itself. Computed on first use.
+        Engines compute with 32-bit floats, which are too far apart at large coordinates. If the centre is within
+        four diagonals of the scene's box from the origin, this is the scene itself. Computed on first use.
         """
         from glpath.scene.centre import centred
 
@@ -246,8 +247,9 @@ class Scene:
     def mean_reflectance(self, material: Material, clear: float = 0.0) -> Float64:
         """Return the (3,) float64 fraction of uniform illumination that a material reflects.
 
-        Mirrors are included, and so is light that glass transmits, except through the fraction `clear` of the base.
-        A texture contributes its mean.
+        Mirror reflection and light transmitted by glass are included. A texture contributes its mean.
+
+        clear : fraction of the base whose transmitted light is not included
         """
         base = material.reflectance
         if material.texture is not None:
@@ -272,7 +274,7 @@ class Scene:
         return found
 
     def __getstate__(self) -> dict[str, object]:
-        return {each.name: getattr(self, each.name) for each in fields(self)}  # without derived arrays
+        return {each.name: getattr(self, each.name) for each in fields(self)}  # without cached, derived arrays
 
     def preview(self, longest: int = 320) -> NDArray[np.uint8]:
         """Return a quick (h, w, 3) uint8 sRGB image made on the CPU, without shadows, with the light at the eye.
@@ -334,15 +336,15 @@ class Scene:
     def with_camera(self, camera: Camera | None = None, **changes: object) -> Scene:
         """Return the scene with another camera.
 
-        camera  : new camera; None: the scene's own
-        changes : new values of `Camera` fields by name. A new position, target or up ends the motion, because
-                  motion would override them
+        camera  : new camera; None: the scene's own camera
+        changes : new values of `Camera` fields by name. A new position, target or up removes the camera's motion,
+                  because motion would override it
 
-        A camera that was created for a file without one shows the whole scene. If the resolution or up changes,
-        that camera is fitted to the scene again. A studio that substitutes for missing light is then rotated to the
-        new up.
+        A camera that was created for a file without one shows the whole scene. If the resolution or `up` changes,
+        that camera is fitted to the scene again. A studio light that substitutes for missing light is then rotated
+        to the new `up`.
 
-        Raises UsageError for values that are not a camera, and for unknown names.
+        Raises UsageError for unknown names, and if `camera` is not a `Camera`.
         """
         known = [field.name for field in fields(Camera)]
         for name in changes:
@@ -382,7 +384,7 @@ class Scene:
     def digest(self, camera: bool = True) -> str:
         """Return the SHA-256 (hex) of everything that changes the image.
 
-        This is geometry, materials, textures, lights and camera, but not names. The digest is derived from the
+        It covers geometry, materials, textures, lights and camera, but not names. The digest is derived from the
         model's fields (`glpath.scene.digest`). So a box has another digest than the same triangles written as a
         mesh.
 
@@ -428,7 +430,7 @@ def shapes_are_built_by(builder: ShapeBuilder) -> None:
 
 
 def unit_normals(triangles: Float64) -> Float64:
-    """Return (T, 3) float64 unit normals out of the fronts of triangles (T, 3, 3)."""
+    """Return (T, 3) float64 unit normals on the front sides of triangles (T, 3, 3)."""
     n = _area_vectors(triangles)
     return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), np.finfo(float).tiny))
 
@@ -439,6 +441,6 @@ def triangle_areas(triangles: Float64) -> Float64:
 
 
 def _area_vectors(triangles: Float64) -> Float64:
-    """Return (T, 3) float64 front normals with the length of the triangle's area."""
+    """Return (T, 3) float64 normals on the front sides; the length of each is the area of its triangle."""
     edges = triangles[:, 1:] - triangles[:, :1]
     return np.asarray(0.5 * np.cross(edges[:, 0], edges[:, 1]))

@@ -71,7 +71,7 @@ class PythonLocation(SourceLocation):
 
 
 def coordinates(point: Iterable[float]) -> str:
-    """Return a point as text: six digits, or two decimals for points far from the origin."""
+    """Return a point as text; each coordinate has six digits, or two decimals if it is at least 1e5 in size."""
     return "[" + ", ".join(f"{x:.6g}" if abs(x) < 1e5 else f"{x:.2f}" for x in point) + "]"
 
 
@@ -106,7 +106,7 @@ def shown(value: object, depth: int = 0) -> str:
 
 
 def _joined(parts: Iterable[str]) -> str:
-    """Return the parts with commas, without those after the length at which `shown` cuts."""
+    """Join the parts with commas, but stop when the text is longer than the `_LONGEST` that `shown` keeps."""
     found, length = [], 0
     for part in parts:
         found.append(part)

@@ -1,8 +1,8 @@
-"""Checks of the arguments of public functions and methods, by their annotations.
+"""Checks that the arguments of public functions and methods have the annotated types.
 
 `checked` wraps a function, or all public methods of a class. A wrong argument raises UsageError before the call.
-The checks read annotations as text, so that no type is imported for them. Values within a type, such as numbers out
-of range and unknown words, are checked by the functions themselves.
+The checks read annotations as text, so that no type is imported for them. Values of the right type, such as numbers
+out of range and unknown words, are checked by the functions themselves.
 
 Cost:     about 2 microseconds per call, and 0.3 microseconds per argument. Long lists are searched for large
           integers at 50 ns per element.
@@ -71,7 +71,7 @@ def check_word(name: str, word: object, allowed: Sequence[str]) -> None:
 def checked(function: Function, namespace: Mapping[str, Any] | None = None) -> Function:
     """Return the function with checks of its arguments; for a class, check all public methods and return the class.
 
-    namespace : names in annotations that the function's module does not have
+    namespace : objects by name, for names in annotations that the function's module does not have
 
     The wrapper raises UsageError for an argument whose type the annotation does not allow, and for an integer of
     more than 64 bits in any argument. NumPy's integers and bools are passed on as int and bool, and other real
@@ -118,9 +118,9 @@ class _Type(NamedTuple):
 class _Parameters(NamedTuple):
     """Parameters of a function.
 
-    positional : names of those that may be given by position
-    types      : allowed types by name; parameters without a check are left out
-    plain      : (name, class) pairs of values that need no check, because the class itself is allowed
+    positional : names of the parameters that may be given by position
+    types      : allowed types by parameter name; parameters that allow any type are left out
+    plain      : (parameter name, class) pairs; an argument of exactly this class needs no further check
     """
 
     positional: tuple[str, ...]
@@ -142,7 +142,10 @@ class _Parameters(NamedTuple):
         return cls(tuple(positional), types, frozenset(plain))
 
     def check(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return NumPy's and other numbers by name, converted. Raises UsageError for wrong arguments."""
+        """Raise UsageError for wrong arguments; return arguments that must be converted, by name.
+
+        NumPy's bools and integers are converted to bool and int, other real numbers to float.
+        """
         if _large_integer(given.values()) is not None:
             for name, value in given.items():
                 if (large := _large_integer([value])) is not None:
@@ -188,7 +191,8 @@ def _wrong(name: str, value: object, needed: Sequence[str]) -> UsageError:
 def _large_integer(values: Iterable[Any]) -> int | None:
     """Return an integer of more than 64 bits in nested values; None if there is none.
 
-    Values are searched level by level, so that built-in functions visit the elements of long lists.
+    The search goes level by level, so that built-in functions such as `map` visit the elements of long lists, which
+    is fast.
     """
     level = list(values)
     for _ in range(_DEPTH):
@@ -304,7 +308,7 @@ def types_of(annotation: Any, namespace: Mapping[str, Any]) -> tuple[_Type, ...]
 
 
 def _type_of(text: str, namespace: Mapping[str, Any]) -> _Type | None:
-    """Return one type of a union; None for any."""
+    """Return the type for one member of an annotation's union; None if it allows any value."""
     head, _, inner = text.removesuffix("]").partition("[")
     if head == "Literal":
         return _words_type(ast.literal_eval(f"({inner},)"))
@@ -334,12 +338,15 @@ def _type_of(text: str, namespace: Mapping[str, Any]) -> _Type | None:
 
 
 def _words_type(words: tuple[str, ...]) -> _Type:
-    """Return the type of words. Functions check the words themselves, so any text is accepted."""
+    """Return the type for a Literal of words. It accepts any text, because functions check the words themselves."""
     return _Type(lambda value: isinstance(value, str), " or ".join(f'"{word}"' for word in words))
 
 
 def _tuple_type(parts: Sequence[str], namespace: Mapping[str, Any]) -> _Type | None:
-    """Return the type of a tuple, list or array of numbers; whole numbers may be floats, such as 64.0."""
+    """Return the type for a tuple annotation, which accepts tuples, lists and arrays of numbers.
+
+    Whole numbers may be floats, such as 64.0. None if the annotation has elements other than int and float.
+    """
     of_any_length = parts[-1] == "..."
     if not {"int", "float"}.issuperset(parts[:1] if of_any_length else parts):
         return None

@@ -24,18 +24,19 @@ log = logging.getLogger("glpath")
 
 @dataclass
 class CheckpointFile(Locked):
-    """Checkpoint file and its schedule; the computation calls `written_by` after each step.
+    """Checkpoint file and its schedule. After each step, the computation asks `due`, and then calls `written_by`.
 
-    As a `with` block, it locks the file against other processes, or raises GlpathError with the name of the holder.
+    A `with` block locks the file against other processes, or raises GlpathError with the name of the holder.
 
     path    : path of the file
-    seconds : interval between two checkpoints; None: not by time
-    steps   : number of steps between two checkpoints; None: not by steps
+    seconds : interval between two checkpoints; None: the schedule ignores the time
+    steps   : number of steps between two checkpoints; None: the schedule ignores the steps
     written : number of checkpoints written
-    failure : reason why the last checkpoint could not be written; None if it was written
-    rescue  : sentence on the temporary file that has the state of a last checkpoint that could not be written
-    took    : seconds that the last checkpoint took
-    is_output : True if the path is also an output of the command, which may be a link
+    failure : reason why the most recent checkpoint could not be written; None if it was written
+    rescue  : sentence that names the temporary file with the final state, if its checkpoint could not be written;
+              otherwise ""
+    took    : seconds that the most recent checkpoint took
+    is_output : True if the file is also an output of the command; an output may be a symbolic link
     """
 
     #: Names in messages: the holder of the file's lock, and the work that continues after a failed checkpoint.
@@ -59,7 +60,7 @@ class CheckpointFile(Locked):
         self._lock = Lock(self.path, self.holder)
 
     def __enter__(self) -> Self:
-        """Lock the file. Raises ImageError for a link, because the file it leads to would be replaced."""
+        """Lock the file. Raises ImageError for a symbolic link that is not an output of the command."""
         if os.path.islink(self.path) and not self.is_output:
             raise ImageError(
                 f"{self.path}: is a symbolic link; a checkpoint is a file of its own, replaced and removed.",
@@ -68,7 +69,7 @@ class CheckpointFile(Locked):
         return super().__enter__()
 
     def found(self) -> bool:
-        """Return True if a checkpoint exists; half-written files of killed processes are removed."""
+        """Remove half-written files of killed processes, and return True if a checkpoint exists."""
         remove_parts(self.path)
         return os.path.exists(self.path)
 

@@ -1,7 +1,7 @@
 """Atomic writing of files, safe reading, and saving of several outputs, where a failure of one keeps the others.
 
 A file is written beside its target under another name and then moved, so a stopped process leaves no partial file.
-The file and the entry of its folder are on disk (fsync) when the call returns. Missing folders of an output are
+The file and its entry in the folder are on disk (fsync) when the call returns. Missing folders of an output are
 created. A pipe or a device is written into, never replaced; `-` is standard output.
 """
 
@@ -40,7 +40,7 @@ _NO_TOKEN = 8 * "\0"
 
 
 def shipped_folder(name: str) -> Path | None:
-    """Return a folder that ships with glpath: inside the package in a wheel, beside it in a checkout."""
+    """Return a folder that ships with glpath, in the package (wheel) or beside it (checkout); None if missing."""
     package = Path(__file__).resolve().parents[1]
     return next((f for f in (package / name, package.parent / name) if f.is_dir()), None)
 
@@ -67,8 +67,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         raise ImageError(f"{path}: cannot be written: {reason_of(error)}.") from error
 
 
-# Flags for reading, as far as the system has them. Windows has only O_BINARY; it has neither forks (O_CLOEXEC) nor
-# named pipes (O_NONBLOCK).
+# Flags for opening a file to read, except flags that the system lacks. Windows has only O_BINARY, because it has
+# neither forks (O_CLOEXEC) nor named pipes (O_NONBLOCK).
 _READ = os.O_RDONLY
 for _name in ("O_CLOEXEC", "O_NONBLOCK", "O_BINARY"):
     _READ |= getattr(os, _name, 0)
@@ -77,26 +77,26 @@ _WITHOUT_LINKS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | ge
 
 #: Maximum size of a file that is read as a whole, bytes.
 MAX_FILE_BYTES = 2**32
-#: Maximum size of a scene or a job in TOML or JSON, bytes. It takes up to 5 s to parse.
+#: Maximum size of a scene or a job in TOML or JSON, bytes. To parse a file of this size takes up to 5 s.
 MAX_TEXT_BYTES = 2**23
 # Maximum size of data from a pipe, whose size is unknown in advance, bytes.
 _MAX_PIPE_BYTES = 2**28
 # Maximum wait for a writer of a named pipe, seconds. After it, reading fails.
 _WRITER_S = 3.5
-# Interval between checks for such a writer, seconds.
+# Interval between checks for a writer of a named pipe, seconds.
 _LOOK_S = 0.02
 # Interval between checks of the time limit while a pipe is silent, milliseconds.
 _SILENCE_MS = 200
 _PART_BYTES = 1 << 20
 _MORE_MEMORY = "Close other programs, or use a machine with more memory."
-# Maximum ratio of a sparse file's size to its data. Files above it are refused.
+# Maximum ratio of a sparse file's size to the size of its data. Files with a higher ratio are refused.
 _HOLES_RATIO = 64
 # Size up to which any sparse file is allowed, bytes.
 _SMALL_BYTES = 2**26
 
 
 def check_file(path: str | Path) -> None:
-    """Raise OSError, with the reason as its text, for a path that libraries must not open themselves.
+    """Raise OSError, with the reason as its text, for a path that must not be given to a library.
 
     Such paths are pipes, devices, folders, unreadable files, and files that are nearly all holes. A missing path is
     allowed.
@@ -124,8 +124,8 @@ def open_file(path: str | Path) -> BinaryIO:
 def open_without_links(path: str | Path, flags: int, mode: int = 0o666) -> int:
     """Open a file without following links, and return its descriptor.
 
-    Raises OSError, with the reason as its text, for a symbolic link, a file with hard links, and a path that is not
-    a file. Writing there could change a file elsewhere.
+    Raises OSError, with the reason as its text, for a symbolic link, a file with further hard links, and a path
+    that is not a file. Writing through a link could change a file elsewhere.
     """
     try:
         descriptor = os.open(path, flags | _WITHOUT_LINKS, mode)
@@ -172,7 +172,9 @@ def _open(path: str | Path) -> int:
 
 
 def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
-    """Return all of standard input: a file, a pipe, a socket or a terminal, within the limits of `read_bytes`.
+    """Return all bytes of standard input, which may be a file, a pipe, a socket or a terminal.
+
+    limit : maximum size in bytes
 
     Waits for the end of the input. Raises OSError, with the reason as its text, and TimeLimitError.
     """
@@ -192,7 +194,10 @@ def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
 
 
 def _all_of(file: BinaryIO, limit: int) -> bytes:
-    """Return all bytes of an open file or stream. Raises OSError as `read_bytes`."""
+    """Return all bytes of an open file or stream.
+
+    Raises OSError for more than `limit` bytes, and for a file that is nearly all holes.
+    """
     descriptor = file.fileno()
     status = os.fstat(descriptor)
     if not stat.S_ISREG(status.st_mode) or not status.st_size:  # the size of files in /proc is 0
@@ -204,7 +209,10 @@ def _all_of(file: BinaryIO, limit: int) -> bytes:
 
 
 def _first_of_pipe(descriptor: int, path: str | Path) -> bytes:
-    """Wait for a writer of a named pipe, and return the first bytes; b"" if none are written yet."""
+    """Wait for a writer of a named pipe, and return the first bytes; b"" if it has written none yet.
+
+    Raises OSError if no writer opens the pipe in `_WRITER_S` seconds.
+    """
     end = time.monotonic() + _WRITER_S
     while time.monotonic() < end:
         try:
@@ -217,12 +225,12 @@ def _first_of_pipe(descriptor: int, path: str | Path) -> bytes:
 
 
 def _all_of_stream(descriptor: int, limit: int, first: bytes = b"") -> bytes:
-    """Return `first` and all bytes of a pipe or socket until it has no writer.
+    """Return `first` and all further bytes of a pipe or socket, until it has no writer.
 
-    Raises OSError, and TimeLimitError if the time limit is over before that.
+    Raises OSError for too many bytes, and TimeLimitError if the time limit is over before the end of the data.
     """
     limit, content = min(limit, _MAX_PIPE_BYTES), bytearray(first)
-    waiting = select.poll() if hasattr(select, "poll") else None  # Windows has none
+    waiting = select.poll() if hasattr(select, "poll") else None  # Windows has no poll
     if waiting is not None:
         waiting.register(descriptor, select.POLLIN)
     while len(content) <= limit:
@@ -300,7 +308,7 @@ def _beside(path: str | Path) -> Iterator[Path]:
         os.replace(temporary, target)
         _sync_folder(target.parent)
     finally:
-        # Ignore errors here, so that the first error is reported. The folder may be removed or read-only.
+        # Ignore errors of the removal, so that an earlier error is reported. The folder may be gone or read-only.
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
         if descriptor is not None:
@@ -308,10 +316,10 @@ def _beside(path: str | Path) -> Iterator[Path]:
 
 
 def _locked(path: Path) -> int | None:
-    """Lock a temporary file and return its open descriptor; None if another process has locked it.
+    """Lock a temporary file and return its open descriptor; None if that fails.
 
-    The kernel releases the lock when the process ends for any reason. None, too, on Windows and for file systems
-    that have no locks.
+    It fails if the file cannot be opened, if another process has locked it, if the file system has no locks, and on
+    Windows. The kernel releases the lock when the process ends for any reason.
     """
     if _fcntl is None:
         return None
@@ -358,7 +366,10 @@ def remove_parts(path: str | Path) -> None:
 
 @contextmanager
 def _through_a_folder(path: str | Path) -> Iterator[Path]:
-    """Write a temporary file, then copy it into a pipe or device, in which file writers cannot seek."""
+    """Context that yields a temporary path, and copies the file written there into a pipe or device at its end.
+
+    File writers need the temporary file because they seek, which is impossible in a pipe.
+    """
     with tempfile.TemporaryDirectory(prefix="glpath-") as folder:
         temporary = Path(folder) / f"output{Path(path).suffix}"
         yield temporary
@@ -381,7 +392,7 @@ def _standard_output() -> BinaryIO:
 
 
 def check_writable(path: str | Path) -> None:
-    """Raise ImageError if a file cannot be written at `path`; called before a long rendering starts."""
+    """Raise ImageError if a file cannot be written at `path`. Commands call this before long work starts."""
     if str(path) == _STDOUT:
         try:
             _standard_output()
@@ -398,8 +409,8 @@ def check_writable(path: str | Path) -> None:
     folder = target.parent
     while not os.path.exists(folder):  # unlike Path.exists, does not raise if the folder above may not be entered
         folder = folder.parent
-    # Create a file, because permissions say little about root, network shares and read-only file systems. Its name
-    # is made of the target's name, so that a name that is too long fails.
+    # Create a file, because permissions say little about root, network shares and read-only file systems. Before
+    # that, `lstat` raises OSError if the target's name is too long; `new_file` would shorten the name.
     try:
         with suppress(FileNotFoundError):
             os.lstat(folder / target.name)
@@ -409,13 +420,12 @@ def check_writable(path: str | Path) -> None:
 
 
 def check_outputs(paths: Sequence[Path], inputs: Iterable[str | Path | None] = ()) -> None:
-    """Raise GlpathError if an output cannot be written, is also an input, or if two names lead to the same file.
+    """Raise GlpathError if an output cannot be written, is also an input, or is the same file as another output.
 
-    Also raise it, with the name of the process, if another process has locked an output as its checkpoint.
+    Also raise GlpathError, with the name of the holder, if another process has locked an output as its checkpoint.
 
-    inputs : files that the command reads; None and names that are no files are passed over
-
-    A name that is given twice is one output.
+    paths  : outputs; a path that is given twice is one output
+    inputs : files that the command reads; None and names that are no files are ignored
     """
     from glpath.system.locks import check_unlocked  # late, because that module imports this one
 
@@ -436,9 +446,12 @@ def _is_same_file(output: Path, other: str | Path) -> bool:
 
 
 def check_separate(option: str, path: Path, outputs: Iterable[Path]) -> None:
-    """Raise UsageError if the file of an option is also an output, because one would replace the other.
+    """Raise UsageError if an option's file is also an output, because one would replace the other.
 
     Pipes and devices may be named several times, except standard output as `-`.
+
+    option : name of the option, for the message
+    path   : file of the option
     """
     for output in outputs:
         if str(path) == str(output) == _STDOUT or (not is_stream(path) and real_path(path) == real_path(output)):
@@ -480,7 +493,7 @@ def short_name(before: str, stem: str, after: str) -> str:
 
 
 def real_path(path: str | Path) -> Path:
-    """Return the absolute path to which links lead. Raises ImageError if it begins in a folder that was deleted."""
+    """Return the absolute path with links resolved. Raises ImageError if `path` is relative to a deleted folder."""
     try:
         return Path(os.path.realpath(path))
     except FileNotFoundError as error:
@@ -491,7 +504,7 @@ def real_path(path: str | Path) -> Path:
 
 
 def _mode(path: str | Path) -> int:
-    """Return `st_mode` of the target of `path`; 0 if it does not exist."""
+    """Return `st_mode` of the file to which `path` leads; 0 if it does not exist."""
     try:
         return os.stat(path).st_mode
     except OSError:
@@ -514,9 +527,9 @@ def save_all(
     Files are written before pipes and devices, which may block.
 
     saves  : function that writes each output, by path
-    rescue : functions that write the whole result, by file name. They write into a temporary folder if no output
-             could be written, or if an output with the suffix of such a file failed
-    where  : message with the location of the rescued files, with {} for their paths
+    rescue : functions that write the whole result, by file name. They are called with paths in a temporary folder
+             if no output could be written, or if an output with the suffix of one of these file names failed
+    where  : message that reports the rescued files, with {} for their paths
 
     Returns the written paths, and an error that names all failures and the rescued files, or None.
     """
@@ -545,13 +558,16 @@ def save_all(
 
 
 def rescued(rescue: Mapping[str, Save], where: str) -> str:
-    """Write a result into a temporary folder, and return the sentence that reports its location; see `save_all`."""
+    """Write a result into a temporary folder, and return a sentence that reports its location.
+
+    Parameters are those of `save_all`.
+    """
     names = ", ".join(map(str, _into_temporary_folder(rescue)))
     return where.format(names) if names else "Nor could it be kept in a temporary folder."
 
 
 def _into_temporary_folder(rescue: Mapping[str, Save]) -> list[Path]:
-    """Write the files into the first temporary folder that works, and return their paths; [] if none works."""
+    """Write the files into the first usable temporary folder, and return their paths; [] if no folder is usable."""
     try:
         usual = tempfile.gettempdir()
     except OSError:

@@ -93,16 +93,17 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
         self._stamp = room_stamp(Path(function.__code__.co_filename))
         self._version = _short(repr((numba.__version__, self._stamp)))
         self._on_wait, self._on_load = on_wait, on_load
-        # While this is set, the first missing signature is compiled under a lock, by one process only.
+        # Set during a compilation. A lock that keeps other processes from the same kernel is then entered on this
+        # stack, which releases it after the compilation.
         self.alone: ExitStack | None = None
 
     @property
     def folder(self) -> Path:
-        """Folder of the kernels, which need not exist."""
+        """Folder of the kernels. It may not exist yet."""
         return Path(self._cache_path) / _FOLDER
 
     def refusal(self) -> str:
-        """Reason why the folder is not used; "" if it is used, or does not exist."""
+        """Return the reason why the folder must not be used; "" if it may be used, or does not exist."""
         try:
             status = os.lstat(self.folder)
         except OSError:
@@ -117,7 +118,7 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
         return not self.refusal() and any(files)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled kernel of a signature, or None.
+        """Return the compiled kernel of a signature; None if the cache has none, or must not be used.
 
         Numba's own method first imports the whole compiler, which takes a quarter of a second. Loading a kernel
         does not need the compiler, because kernels allocate no arrays (`kernels`). Compiling a kernel imports it.
@@ -174,7 +175,7 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
         return self.folder / f"{self._impl.filename_base}.{which}.{self._version}.nbc"
 
     def _checksum(self, sig: Any, codegen: Any, content: Any) -> bytes:
-        """Return the SHA-256 of the kernel's inputs and its content, which is checked before unpickling."""
+        """Return the SHA-256 of a kernel's inputs and content. It is compared before the content is unpickled."""
         made_from = repr((numba.__version__, self._stamp, self._index_key(sig, codegen)))
         return hashlib.sha256(made_from.encode() + content).digest()
 
@@ -183,7 +184,7 @@ _OF_OTHERS = "another user owns it or may write to it"
 
 
 def _is_private(status: os.stat_result) -> bool:
-    """Return True if this user alone owns and may write the file or folder; always True on Windows."""
+    """Return True if this user owns the file or folder, and only this user may write it; True on Windows."""
     if not hasattr(os, "geteuid"):
         return True
     return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
@@ -214,9 +215,12 @@ def _warn_that_nothing_is_kept(folder: Path, reason: str) -> None:
 
 @contextmanager
 def _alone(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
-    """Context with a lock against other processes; without it if locks are impossible, or after `_PATIENCE`.
+    """Context that locks a file against other processes.
 
-    Raises TimeLimitError as `check_time`.
+    There is no lock if locks are impossible, or if another process still has the lock after `_PATIENCE` seconds.
+    Raises TimeLimitError if the time limit is over during the wait.
+
+    on_wait : function called once if another process has the lock
     """
     until = time.monotonic() + _PATIENCE
     handle = _locked(path)
@@ -245,7 +249,7 @@ def _locked(path: Path) -> int | None:
         return 0
     try:
         _fcntl.flock(handle, _fcntl.LOCK_EX | _fcntl.LOCK_NB)
-        if os.path.samestat(os.fstat(handle), os.lstat(path)):  # not removed by its last owner meanwhile
+        if os.path.samestat(os.fstat(handle), os.lstat(path)):  # the last holder has not removed it
             return handle
     except BlockingIOError:
         pass

@@ -43,9 +43,10 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", **NUMBA_OPTIO
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile for the CPU on first use, cached on disk. Kernels release Python's lock, so threads run in parallel.
+    """Compile a function for the CPU on first use, and cache it on disk.
 
-    A kernel uses the arrays it is given and allocates none.
+    Kernels release Python's global lock, so threads run in parallel. A kernel uses the arrays it is given and
+    allocates none.
     """
     plain = _PLAIN or (only is not None and function.__name__ not in only)
     return function if plain else _kept(_for_types(_njit(**_OPTIONS)(function)))
@@ -59,14 +60,14 @@ def inner_kernel(function: Callable[..., Any]) -> Any:
 
 
 def outer(inner: Any) -> Any:
-    """Return an inner kernel as a kernel that Python can call; it is compiled separately."""
+    """Return an inner kernel's function as a kernel that Python can call, with a compilation of its own."""
     return kernel(getattr(inner, "py_func", inner))
 
 
 def inner_sum(function: Callable[..., Any]) -> Any:
     """Compile an inner kernel that may add the terms of a sum in any order.
 
-    It adds many terms at a time, so the last bits of the sum depend on the processor.
+    The kernel adds many terms at a time, so the last bits of the sum depend on the processor.
     """
     if _PLAIN:
         return function
@@ -74,12 +75,15 @@ def inner_sum(function: Callable[..., Any]) -> Any:
 
 
 def kernel_part(function: Callable[..., Any]) -> Any:
-    """Compile an inner kernel that has a single call, and inline it there."""
+    """Compile an inner kernel that only one line calls, and inline it there."""
     return function if _PLAIN else _as_python(_njit(**_OPTIONS, inline="always")(function))
 
 
 def _as_python(dispatcher: Any) -> Any:
-    """Make calls from Python run the uncompiled function; without numba's wrapper they would jump to address 0."""
+    """Make calls from Python run the uncompiled function.
+
+    Inner kernels have no wrapper for Python, so a call of the compiled function would jump to address 0.
+    """
     kind = type(dispatcher)
 
     class Inner(kind):  # type: ignore[misc, valid-type]
@@ -91,7 +95,7 @@ def _as_python(dispatcher: Any) -> Any:
 
 
 def _for_types(dispatcher: Any) -> Any:
-    """Return the function, compiled by types alone, so that all integers share one compilation.
+    """Make numba compile a function for the arguments' types alone, so that all integers share one compilation.
 
     Numba would otherwise compile the function again for each literal argument and each literal initial value.
     """
@@ -128,7 +132,7 @@ class _Compilations:
         self._report(f"waiting for {name.strip('_')}{self._next()}, which another process compiles")
 
     def loaded(self, name: str) -> None:
-        # Count kernels that were loaded, so that the last kernel gets the last number.
+        # Count kernels that another process has compiled, so that the numbers in the reports reach the total.
         self.done += name in self.expected
 
     def _next(self) -> str:

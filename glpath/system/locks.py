@@ -3,22 +3,22 @@
     with Lock(Path("a.checkpoint.npz"), "a render"):
         ...
 
-A lock is a file beside the target, `.a.checkpoint.npz.lock`, with locked bytes (`F_OFD_SETLK`). The kernel releases
-them when the process ends for any reason, so a killed process leaves no stale lock. The content of the file names
-the holder, only for the error message. The file is removed at the end; a file left by a killed process is reused.
+A lock is a file beside the target, `.a.checkpoint.npz.lock`, with locked bytes (`F_OFD_SETLK`). The kernel unlocks
+the bytes when the process ends for any reason, so a killed process leaves no stale lock. The content of the lock
+file names the holder, only for the error message. The lock file is removed at the end; a lock file left by a killed
+process is reused.
 
 Network file systems: on NFS (4, or 3 with its lock daemon) a lock also works between machines. If a machine dies,
 its locks end with its lease, usually 90 s. With the mount options `nolock` or `local_lock`, and on Lustre with
 `localflock`, a lock works only within each machine. If the file system has no locks, a lock has no effect, and a
 warning is logged.
 
-Only Linux has locks on parts of a file that belong to the open file. On other systems filelock locks the whole
-file. There, processes with different parts also conflict, and the error names no holder.
+Only Linux has byte-range locks that belong to an open file instead of a process. On other systems the package
+filelock locks the whole file. There, processes with different parts also conflict, and the error names no holder.
 
 A lock file that is a link is refused, because the lock would write into another file.
 
-Poor at: a lock file that is deleted while it is held, alone or with its folder, because the next process creates
-another.
+Poor at: a lock file that is deleted while a process holds the lock, because the next process creates another file.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ log = logging.getLogger("glpath")
 _fcntl = posix_module("fcntl")
 _LOCKS_PARTS = hasattr(_fcntl, "F_OFD_SETLK")
 
-# Offset of the locked bytes. They lie beyond the text of any lock file, because some network file systems forbid
-# reading locked bytes.
+# Offset of the locked bytes. These bytes lie beyond the text of any lock file, because some network file systems
+# forbid reading locked bytes.
 _BASE = 1 << 40
-# Offset and length of the byte that is locked while a process adds or removes itself as a holder.
+# Offset and length of the byte that a process locks while it adds or removes itself as a holder.
 _DESK = (_BASE - 1, 1)
 _HELD = (errno.EACCES, errno.EAGAIN)
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
@@ -57,7 +57,8 @@ class Lock:
 
     path        : file to protect; each file has a lock file of its own
     what        : description of the holder for the message, such as "a render"
-    first, stop : range of parts that this process writes; processes with other parts do not conflict
+    first, stop : range of parts that this process writes, if several processes write parts of one result. Processes
+                  with other parts do not conflict
 
     On entering, raises GlpathError with the name of the holder, or ImageError if no lock file can be created.
     """
@@ -153,7 +154,7 @@ class Lock:
             if error.errno not in _HELD:
                 raise
             raise self._refusal([each for each in held if self._meets(each)]) from None
-        # The lock was free, so recorded holders of the same parts were killed. They are removed from the record.
+        # The lock was free, so any recorded holder of the same parts was killed. Remove it from the record.
         mine = {
             "pid": os.getpid(),
             "host": socket.gethostname(),
@@ -181,7 +182,7 @@ class Lock:
             log.info("%s: cannot be removed: %s", self._file, reason_of(error))
 
     def _is_there(self, descriptor: int) -> bool:
-        """Return True if the lock file's name still leads to the open file."""
+        """Return True if the open file still is the lock file, so neither removed nor replaced."""
         try:
             named, opened = os.lstat(self._file), os.fstat(descriptor)
         except FileNotFoundError:
@@ -209,7 +210,7 @@ def check_unlocked(path: Path) -> None:
     """Raise GlpathError with the name of the holder if another process has the lock of `path`."""
     lock = Lock(path, "a render that resumes from it")
     if lock.exists:
-        with suppress(ImageError), lock:  # a lock file that cannot be opened has no effect
+        with suppress(ImageError), lock:  # ignore a lock file that cannot be opened
             pass
 
 
@@ -227,7 +228,7 @@ class Locked:
 
 
 def _lock(descriptor: int, start: int, length: int, wait: bool = False) -> None:
-    """Lock a range of bytes. Raises OSError, with an errno in `_HELD` if another process holds a part of it."""
+    """Lock a range of bytes. Raises OSError, with an errno in `_HELD` if another process holds some of them."""
     command = _fcntl.F_OFD_SETLKW if wait else _fcntl.F_OFD_SETLK
     _fcntl.fcntl(descriptor, command, _flock(_fcntl.F_WRLCK, start, length))
 

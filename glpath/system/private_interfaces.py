@@ -1,9 +1,9 @@
 """Private interfaces of other packages: all uses in one module, with the releases that were tested.
 
-No public interface provides the same. A release may change a private interface without notice. Then the function
-here raises GlpathError with the package, its version and the missing name, and this module's test fails.
-`pyproject.toml` requires the releases of `SEEN`. For numba it also has an upper bound, because no kernel can be
-compiled without its internals.
+The packages have no public interface for the same purpose. A release may change a private interface without notice.
+Then the function here raises GlpathError with the package, its version and the missing name, and this module's test
+fails. `pyproject.toml` requires the releases of `SEEN`. It also has an upper bound for numba, because no kernel can
+be compiled without numba's internals.
 
 Cost:     none until a function is called; each function imports only its own package.
 """
@@ -24,7 +24,7 @@ from glpath.errors import GlpathError
 
 @dataclass(frozen=True)
 class Releases:
-    """First and last tested release of a package with the private interfaces used here."""
+    """First and last release of a package that were tested and have the private interfaces used here."""
 
     first: str
     last: str
@@ -67,10 +67,10 @@ _NUMBA_FOLDERS = ("CACHE_DIR", "CACHE_LOCATOR_CLASSES")
 
 
 def import_numba() -> Any:
-    """Import numba without the settings file in the current folder, and return the package.
+    """Import numba so that it ignores a settings file in the current folder, and return the package.
 
-    The author of that folder, for example of an archive, could otherwise choose how code is compiled. If the
-    package is imported already, its settings stay.
+    Otherwise the author of that folder, such as an unpacked archive, could choose how code is compiled. If numba is
+    imported already, its settings stay.
     """
     if "numba" in sys.modules or not os.path.exists(_NUMBA_FILE):
         return _module("numba", "numba")
@@ -87,13 +87,13 @@ def import_numba() -> Any:
             sys.modules["yaml"] = yaml
     config = _module("numba", "numba.core.config")
     _of("numba", config, "_config_fname")
-    config._config_fname = ""  # because each compilation looks for the file again
+    config._config_fname = ""  # because each compilation looks for the settings file again
     return package
 
 
 @contextmanager
 def numba_folders_of_environment() -> Iterator[None]:
-    """Context in which environment variables alone choose the folder of cached kernels, and no file does."""
+    """Context in which only environment variables, and no settings file, choose the folder of cached kernels."""
     config = _module("numba", "numba.core.config")
     before = {name: getattr(config, name) for name in _NUMBA_FOLDERS if hasattr(config, name)}
     try:
@@ -116,38 +116,38 @@ def numba_internals() -> NumbaInternals:
 
 
 def numba_cache(dispatcher: Any) -> Any:
-    """Return the cache of a compiled function; by default it stores nothing."""
+    """Return the cache of a compiled function. Numba's default cache stores nothing."""
     return _of("numba", dispatcher, "_cache")
 
 
 def set_numba_cache(dispatcher: Any, cache: Any) -> None:
-    numba_cache(dispatcher)  # raises if the attribute is missing, because numba would then never use the new cache
+    numba_cache(dispatcher)  # raises if there is no `_cache`, because numba would then never use the new cache
     dispatcher._cache = cache
 
 
 def given_trimesh_normals(mesh: Any) -> Any:
-    """Return the vertex normals that a trimesh mesh was given; None if it has none.
+    """Return the vertex normals that a trimesh mesh was given; None if it was given none.
 
-    The attribute `vertex_normals` computes missing normals. The mesh's cache has normals only if they were given;
-    trimesh's own exporters use the same test.
+    The attribute `vertex_normals` computes missing normals. So the mesh's cache is tested first, which has normals
+    only if they were given. Trimesh's own exporters use the same test.
     """
     return mesh.vertex_normals if "vertex_normals" in _of("trimesh", mesh, "_cache") else None
 
 
 def given_trimesh_lights(scene: Any) -> Any:
-    """Return the lights that a `trimesh.Scene` was given, or None. The property `lights` would create lights."""
+    """Return the lights that a `trimesh.Scene` was given, or None. Its property `lights` would create lights."""
     # The attribute exists only if lights were given, so its absence is no error. This module's test checks for it.
     return getattr(scene, "_lights", None)
 
 
 def is_xfail(item: Any) -> bool:
-    """Return True if a marker xfail applies to a test, as pytest evaluates it."""
+    """Return True if pytest expects a test to fail: a marker xfail applies, and `--runxfail` is not given."""
     evaluate = _attribute("pytest", "_pytest.skipping", "evaluate_xfail_marks")
     return not item.config.getoption("runxfail", False) and evaluate(item) is not None
 
 
 def rfb_page() -> tuple[str, str]:
-    """Return the JavaScript and CSS of a remote frame buffer in a notebook, to which glpath adds its own."""
+    """Return the JavaScript and CSS of jupyter_rfb's remote frame buffer; glpath adds its own code to them."""
     buffer = _attribute("jupyter_rfb", "jupyter_rfb", "RemoteFrameBuffer")
     return _of("jupyter_rfb", buffer, "_esm"), _of("jupyter_rfb", buffer, "_css")
 

@@ -1,11 +1,11 @@
 """Writing of reports to a pipe, socket or terminal whose reader may have stopped reading.
 
-A write to a full pipe blocks until somebody reads it, and a write to a terminal blocks after Ctrl-S. Reports must
-not stop the work, so a report that the file does not take is dropped. The file is not made non-blocking, because
-other processes share its description.
+A write to a full pipe blocks until somebody reads from the pipe, and a write to a terminal blocks after Ctrl-S.
+Reports must not stop the work, so a report is dropped if its write would block. The file is not made non-blocking,
+because other processes share its open file description.
 
-Poor at:  several processes that fill one pipe at the same time, and a Ctrl-S between the check and the write, which
-          then blocks.
+Poor at:  several processes that fill one pipe at the same time, and a Ctrl-S between the check and the write. The
+          write then blocks.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ import select
 import stat
 from typing import IO
 
-#: Maximum wait for a reader, seconds. After a wait in vain, reports are dropped without waiting until the file
-#: takes one again.
+#: Maximum wait for a reader, seconds. After a wait in vain, further reports are dropped at once as long as the file
+#: is full.
 _PATIENCE = 1.0
 # Number of bytes that a pipe takes without blocking if it is reported as writable (POSIX).
 _CHUNK_BYTES = getattr(select, "PIPE_BUF", 512)
-# The same for a terminal, which has room for 256 bytes and writes a line break as two.
+# Number of bytes that a terminal takes without blocking if it is reported as writable. It then has room for 256
+# bytes, and a line break takes two of them.
 _TERMINAL_CHUNK_BYTES = 128
 
 # Descriptors of files that did not take the last report.
@@ -31,9 +32,9 @@ _unread: set[int] = set()
 
 def pipe_or_terminal(stream: IO[str] | None) -> int | None:
     """Return the descriptor of a text stream that is a pipe, socket or terminal; None if it is anything else."""
-    if not isinstance(stream, io.TextIOWrapper):  # other streams may send text elsewhere, as a notebook's does
+    if not isinstance(stream, io.TextIOWrapper):  # others, such as a notebook's, may send text elsewhere
         return None
-    with contextlib.suppress(OSError, ValueError):  # the stream may be closed, or no file
+    with contextlib.suppress(OSError, ValueError):  # the stream may be closed, or have no file
         descriptor = stream.fileno()
         if _chunk_bytes(descriptor):
             return descriptor
@@ -43,7 +44,7 @@ def pipe_or_terminal(stream: IO[str] | None) -> int | None:
 def write_report(descriptor: int, data: bytes) -> None:
     """Write a report to a descriptor; drop the rest of the report if a pipe, socket or terminal accepts no more.
 
-    Raises OSError as `os.write`.
+    Raises the OSError of `os.write`, for example if the reader has closed the pipe.
     """
     chunk = _chunk_bytes(descriptor)
     if chunk is None:
@@ -55,7 +56,10 @@ def write_report(descriptor: int, data: bytes) -> None:
 
 
 def _chunk_bytes(descriptor: int) -> int | None:
-    """Return how many bytes a writable pipe, socket or terminal takes without blocking; None for another file."""
+    """Return how many bytes a writable pipe, socket or terminal takes without blocking.
+
+    None for another kind of file, and on systems without `select.poll`.
+    """
     mode = os.fstat(descriptor).st_mode
     if not hasattr(select, "poll"):
         return None
@@ -65,7 +69,10 @@ def _chunk_bytes(descriptor: int) -> int | None:
 
 
 def _is_read(descriptor: int) -> bool:
-    """Return True if a file takes a chunk of bytes without blocking; wait for its reader if necessary."""
+    """Return True if a file takes a chunk of bytes without blocking; before that, wait for its reader if needed.
+
+    The wait is at most `_PATIENCE`, and zero if the file did not take the last report.
+    """
     file = select.poll()
     file.register(descriptor, select.POLLOUT)
     patience = 0.0 if descriptor in _unread else _PATIENCE

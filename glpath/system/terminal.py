@@ -23,15 +23,16 @@ from rich.text import Text
 
 from glpath.system.report_pipe import pipe_or_terminal, write_report
 
-# Unicode's general categories: controls, formats (bidirectional, zero width), halves of surrogates, unassigned,
-# separators of lines and of paragraphs.
+# Unicode's general categories of the characters that are escaped: controls, formats (bidirectional, zero width),
+# halves of surrogates, unassigned, separators of lines and of paragraphs.
 _ESCAPED = frozenset({"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"})
 
 
 def clean(text: str) -> str:
-    """Return `text` with characters that control a terminal as escapes: `\\x1b` below U+0100, else `U+202E`.
+    """Return `text` with escapes instead of characters that control a terminal.
 
-    Line breaks, tabs and all visible characters are kept. A byte of a file name that is not UTF-8 becomes `\\xff`.
+    Escapes look like `\\x1b` for characters below U+0100, and like `U+202E` for others. Line breaks, tabs and all
+    visible characters are kept. A byte of a file name that is not UTF-8 becomes `\\xff`.
     """
     if text.isprintable():
         return text
@@ -50,8 +51,8 @@ def _escape(character: str) -> str:
 class ReportStream:
     """Text stream for reports, which drops text that cannot be written: reports never end or stop the work.
 
-    Text for a pipe, socket or terminal is written at the end of a line, or by `flush`, and dropped if nobody reads
-    it.
+    Text for a pipe, socket or terminal is buffered until the end of a line or a `flush`, and dropped if nobody
+    reads it.
 
     stream : stream that gets the text; None drops all text
     """
@@ -98,17 +99,17 @@ class ReportStream:
 
 
 def report_stream(stream: IO[str] | None) -> IO[str]:
-    """Return a stream that writes reports to `stream`, and never raises because of it."""
+    """Return a stream that writes reports to `stream`. A failed write raises no error."""
     return cast("IO[str]", stream if isinstance(stream, ReportStream) else ReportStream(stream))
 
 
 def say(text: str = "", err: bool = False) -> None:
-    """Print one or more lines on standard output, or as a report on standard error."""
+    """Print one or more lines on standard output; with `err`, as a report on standard error."""
     print(clean(text), file=report_stream(sys.stderr) if err else sys.stdout, flush=True)
 
 
 def say_json(value: object, indent: int | None = None, err: bool = False) -> None:
-    """Print a value as JSON, in which characters that control a terminal are JSON's own escapes."""
+    """Print a value as JSON, with JSON's own escapes instead of characters that control a terminal."""
     text = json.dumps(value, indent=indent, ensure_ascii=False)
     if clean(text) != text:
         text = "".join(c if clean(c) == c else json.dumps(c)[1:-1] for c in text)
@@ -116,7 +117,7 @@ def say_json(value: object, indent: int | None = None, err: bool = False) -> Non
 
 
 class _CleanConsole(Console):
-    """Console that passes its own control sequences to the terminal, but none of the text's."""
+    """Console that passes its own control sequences to the terminal, but escapes those in the text."""
 
     def render_str(self, text: str, **how: Any) -> Text:
         # Escape before lines are wrapped and columns measured, because an escape is longer than its character.
@@ -128,7 +129,11 @@ class _CleanConsole(Console):
 
 
 def clean_console(stream: IO[str] | None = None, **how: Any) -> Console:
-    """Return a console for tables and bars; default: standard output. `how` are arguments of rich's `Console`."""
+    """Return a console for tables and bars.
+
+    stream : stream that gets the text; None: standard output
+    how    : further arguments of rich's `Console`
+    """
     return _CleanConsole(file=stream, emoji=False, **how)
 
 

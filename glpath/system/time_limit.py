@@ -7,8 +7,8 @@
 Functions that several kinds of work call, such as parsers of numbers, do not name the work. They call
 `check_time()`, which checks the time if a caller is inside `named_work("reading room.obj")`.
 
-Work that is required for a result calls `check_time` between its parts. It gets one second more than the limit.
-Work that only improves a result runs in `part_of_time`, and calls `time_is_up` if it can be cut short.
+Work that is required for a result calls `check_time` between its parts. Such work gets one second more than the
+limit. Work that only improves a result runs in `part_of_time`, and calls `time_is_up` if it can be cut short.
 
 Cost:     a check takes 0.2 microseconds.
 Poor at:  single calls of a driver or library that take longer than a second, because nothing can end them.
@@ -35,8 +35,8 @@ _os = posix_module("posix")
 GRACE = 1.0
 #: Fraction of the remaining time that `part_of_time` grants.
 PART = 0.5
-# Maximum difference between the age of this process and its processor time, seconds. If it is larger, a shell
-# waited before it became this program by exec, which keeps the start time of the process.
+# Maximum difference between the age of this process and its processor time, seconds. If the difference is larger,
+# a shell waited before it became this program by exec, because exec keeps the start time of the process.
 _MAX_IDLE = 2.0
 
 
@@ -80,7 +80,7 @@ def command_clock() -> Iterator[None]:
 def _process_age() -> float:
     """Return the seconds since this process started, at most its processor time plus `_MAX_IDLE`.
 
-    0 if the system does not report it.
+    Returns 0 if the system does not report the start of the process.
     """
     try:
         fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
@@ -104,15 +104,16 @@ def check_time_limit(seconds: object) -> None:
 
 @contextmanager
 def limited(seconds: float | None, *, anew: bool = False, resumes: bool = False) -> Iterator[None]:
-    """Context with a time limit that counts from its entry, or from the start of the process for its command.
+    """Context with a time limit, counted from the entry; inside `command_clock`, from the start of the process.
 
-    Inside another limit it has no effect, because the limit of the outermost call applies.
+    Inside another limit, this context has no effect, because the limit of the outermost call applies.
 
-    seconds : None: no limit, but the time is still counted, see `counted_from`
-    anew    : count from the entry, even inside another limit or command; for one of many frames
+    seconds : time limit in seconds; None: no limit, but the time is still counted, see `counted_from`
+    anew    : True for one of many frames: the limit applies even inside another limit or `command_clock`, and time
+              counts from the entry
     resumes : True if the caller has the result of an earlier run, see `without_limit_if_resumed`
 
-    Raises UsageError as `check_time_limit`.
+    Raises UsageError unless `seconds` is None or a finite number above 0.
     """
     check_time_limit(seconds)
     outer = _limit.get()
@@ -130,8 +131,8 @@ def limited(seconds: float | None, *, anew: bool = False, resumes: bool = False)
 def part_of_time(*, required: bool = False) -> Iterator[None]:
     """Context that limits its work to the fraction `PART` of the time left.
 
-    required : False for work that may be left out: after its part, `check_time` raises TimeLimitError, which the
-               caller catches. True for work that may be cut short, but not left out
+    required : False for work that may be left out. When its fraction is used up, `check_time` raises
+               TimeLimitError, which the caller catches. True for work that may be cut short, but not left out
     """
     limit = _limit.get()
     if limit is None or limit.ends == math.inf:
@@ -144,14 +145,17 @@ def part_of_time(*, required: bool = False) -> Iterator[None]:
 
 @contextmanager
 def without_limit() -> Iterator[None]:
-    """Context without a limit, for work that makes a result from finished computations."""
+    """Context without a limit, for work that turns finished computations into a result."""
     with _set(None):
         yield
 
 
 @contextmanager
 def without_limit_if_resumed() -> Iterator[None]:
-    """Context without a limit if the caller has an earlier result, which only later work can return."""
+    """Context without a limit if the caller has the result of an earlier run.
+
+    Otherwise the limit could end this work with an error, and the caller could not return that result.
+    """
     limit = _limit.get()
     with without_limit() if limit is not None and limit.resumes else nullcontext():
         yield
@@ -174,14 +178,14 @@ def _set(limit: _Limit | None) -> Iterator[None]:
 
 
 def count_earlier(seconds: float) -> None:
-    """Subtract from the time limit the seconds that an earlier run, which this run resumes, has used."""
+    """Shorten the time limit by the seconds that an earlier run has used, if this run resumes that run."""
     limit = _limit.get()
     if limit is not None:
         limit.ends -= seconds
 
 
 def counted_from() -> float:
-    """Return the start of the outermost call's time, by `time.perf_counter`; the present time outside of calls."""
+    """Return the time from which the active limit counts, by `time.perf_counter`; without a limit, the present."""
     limit = _limit.get()
     return time.perf_counter() if limit is None else limit.began
 
@@ -219,8 +223,8 @@ def preparing_scene() -> Iterator[None]:
 def check_time(doing: str | None = None) -> None:
     """Raise TimeLimitError if the limit and its grace are over.
 
-    doing : current work for the message, such as "building the BVH"; None: that of the enclosing `named_work`,
-            outside of which the time is not checked
+    doing : current work for the message, such as "building the BVH"; None: the work of the enclosing `named_work`.
+            Without `doing` and outside of `named_work`, the time is not checked
     """
     limit, doing = _limit.get(), doing or _work.get()
     if limit is None or doing is None or time.perf_counter() < limit.ends + limit.grace:

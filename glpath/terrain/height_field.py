@@ -16,7 +16,7 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
-#: Maximum height, which rejects some values that stand for "no data", such as 3.4e38.
+#: Maximum absolute height. It rejects some values that stand for "no data", such as 3.4e38.
 _HIGHEST = 1e5
 # Minimum spacing; its square fits in float32.
 _FINEST = 1e-9
@@ -35,8 +35,8 @@ class HeightField:
     source  : file name or other source, for error messages
     crs     : coordinate reference system of x and y, as text (WKT), or ""
 
-    Each cell of four samples has two triangles, divided from its north-western to its south-eastern sample.
-    Triangles with a missing sample are missing. The terrain ends at the field's border.
+    Each cell of four samples has two triangles, divided from its north-western to its south-eastern sample. A
+    triangle is missing if one of its samples is missing. The terrain ends at the field's border.
     """
 
     heights: Float32
@@ -62,7 +62,7 @@ class HeightField:
         heights : (R, C) numbers, row 0 in the north; at least 2 x 2
         spacing : distance between samples, or between columns and between rows, in the unit of the heights
         mask    : (R, C) bool, True if the sample has a height
-        holes   : True if samples may be missing; they cast no shadow, and their results are NaN
+        holes   : True if samples may be missing; missing samples cast no shadow, and their results are NaN
         """
         try:
             given = np.ma.getdata(heights) if np.ma.isMaskedArray(heights) else np.asarray(heights)
@@ -131,13 +131,13 @@ class HeightField:
         return 2 * (self.shape[0] - 1) * (self.shape[1] - 1)
 
     def coordinates(self) -> tuple[Float64, Float64]:
-        """Return x of the columns, and y of the rows."""
+        """Return x (C,) of the columns, and y (R,) of the rows."""
         rows, columns = self.shape
         x = self.origin[0] + self.spacing[0] * np.arange(columns, dtype=np.float64)
         return x, self.origin[1] - self.spacing[1] * np.arange(rows, dtype=np.float64)
 
     def grid_positions(self, points: Float64) -> Float64:
-        """Return fractional column and row (N, 2) of points (N, 2 or 3)."""
+        """Return the column and the row (N, 2) of points (N, 2 or 3), as fractional numbers."""
         return np.asarray((points[:, :2] - self.origin) / (self.spacing[0], -self.spacing[1]))
 
     def heights_at(self, points: ArrayLike) -> Float64:
@@ -145,7 +145,7 @@ class HeightField:
         return self._planes_at(np.asarray(points, np.float64))[0]
 
     def normals_at(self, points: ArrayLike) -> Float32:
-        """Return unit normals (N, 3) of the triangles at points (N, 2 or 3); upward if no triangle exists."""
+        """Return unit normals (N, 3) of the triangles at points (N, 2 or 3); upward if a point has no triangle."""
         _, east, south = self._planes_at(np.asarray(points, np.float64))
         slopes = [-east / self.spacing[0], south / self.spacing[1], np.ones_like(east)]
         normals = np.stack(slopes, axis=1)
@@ -153,7 +153,11 @@ class HeightField:
         return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True), np.float32)
 
     def _planes_at(self, points: Float64) -> tuple[Float64, Float64, Float64]:
-        """Return height, rise per column and rise per row (N,) of the triangles at points."""
+        """Return the height of the surface at points, and the slopes of the triangles there, each as (N,).
+
+        The slopes are the rise per column to the east and the rise per row to the south. The height is NaN outside
+        the field and in holes.
+        """
         at = self.grid_positions(points)
         rows, columns = self.shape
         edge = 1e-9 * max(rows, columns)
@@ -163,7 +167,8 @@ class HeightField:
         r = np.clip(np.floor(at[:, 1]).astype(int), 0, rows - 2)
         u, v = at[:, 0] - c, at[:, 1] - r
         a, b, d, e = (self.heights[r + i, c + j].astype(np.float64) for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)))
-        # Choose the triangle north-east or south-west of the diagonal; on the diagonal, no third sample is needed.
+        # Choose the triangle north-east or south-west of the diagonal. Points on the diagonal have a height even if
+        # one of the two triangles is missing.
         north_east = (u > v) | ((u == v) & ~np.isnan(b))
         east, south = np.where(north_east, b - a, e - d), np.where(north_east, e - b, d - a)
         height = np.where(u == v, a + u * (e - a), a + u * east + v * south)
@@ -182,7 +187,10 @@ class HeightField:
         return vertices, faces
 
     def normals(self) -> Float32:
-        """Return unit normals (R, C, 3) at the samples, from differences of neighbours; upward beside holes."""
+        """Return unit normals (R, C, 3) at the samples, from differences between neighbours.
+
+        Along an axis on which a neighbour is missing, the slope counts as 0.
+        """
         result = np.empty((*self.shape, 3), np.float32)
         result[..., 2] = 1.0
         for axis, component, step in ((1, 0, self.spacing[0]), (0, 1, -self.spacing[1])):

@@ -1,7 +1,7 @@
-// path_direct.glsl: light samples for the vertices of paths with per-path rays.
+// path_direct.glsl: direct light at the vertices of paths with per-path rays, from light samples.
 // Needs:  LIGHTS: number of light samples drawn for a path set; PARTS: number of parts into which the lights are
 //         divided, see direct_light; OWN_LIGHT_SAMPLES: each path draws its own light samples; LIGHT_TREE: number
-//         of samples that each vertex draws by a light tree, with PARTS for lights outside the tree only;
+//         of samples that each vertex draws by a light tree (PARTS then divides only the lights outside the tree);
 //         path_numbers.glsl, ray_bvh.glsl, and the needs of light_sample.glsl
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 #ifdef OWN_LIGHT_SAMPLES
@@ -12,8 +12,8 @@
 uniform uvec3 sequence_point;           // sequence point of the path set, see light_point()
 #else
 #include "gl/texels.glsl"
-TEXELS(rgba32f, light_table);           // one row of LIGHTS light samples, of LIGHT_ROWS texels each, for each path set
-uniform int light_row;                  // row of the path set
+TEXELS(rgba32f, light_table);           // row: path set; in a row, LIGHTS light samples of LIGHT_ROWS texels each
+uniform int light_row;                  // row of the path set in light_table
 #endif
 
 #ifdef OWN_LIGHT_SAMPLES
@@ -25,7 +25,8 @@ uvec3 light_point(PathId at)
 }
 
 #ifdef PARTS
-// Draws a light sample of one part of the lights. The sequence point is also shifted for each part.
+// Draws a light sample of one part of the lights, as seen from a position; share: probability of this part. The
+// sequence point is shifted for each part, too.
 LightSample light_of(PathId at, int part, vec3 from, out float share)
 {
     return light_draw(part, light_point(at) ^ (0x9E3779B9u * uint(part)), from, share);
@@ -45,8 +46,9 @@ LightSample light_in(int number, out float share)
 #endif
 }
 
-// A path set has only LIGHTS light samples. Paths are hashed into classes that share samples, one for each part of
-// the lights. At each vertex, a path uses the samples of another class.
+// Returns the path's light sample of one part of the lights; share: probability of this part. A path set has only
+// LIGHTS light samples. So paths are hashed into classes, and each class shares one sample of each part. At each
+// vertex, a path uses the samples of another class.
 LightSample light_of(PathId at, int part, vec3 from, out float share)
 {
     uint other = 5u * uint(at.depth + at.branch);
@@ -68,9 +70,10 @@ bool is_taken(float weight, inout float sum, inout float number)
     return taken;
 }
 
-// Returns direct light without a shadow test; views: see mis_weight_light.
+// Returns direct light from one light sample, without a shadow test. views: number of directions that the path can
+// choose from; 0 if the path ends here.
 // Draws several light samples and chooses one, with a probability proportional to its unoccluded light [Talbot
-// 2005]. LIGHT_TREE samples come from the tree, which chooses their lights by evenly spaced numbers. One more
+// 2005]. LIGHT_TREE samples come from the light tree, which selects their lights by evenly spaced numbers. One more
 // sample comes from each part of the other lights.
 DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out LightSample light_sample)
 {
@@ -108,7 +111,8 @@ DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out L
     return direct;
 }
 #else
-// Returns direct light without a shadow test; views: see mis_weight_light.
+// Returns direct light from one light sample, without a shadow test. views: number of directions that the path can
+// choose from; 0 if the path ends here.
 // Draws one light sample from each part of the lights, and chooses one of them with a probability proportional to
 // its unoccluded light [Talbot 2005].
 DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out LightSample light_sample)
@@ -141,8 +145,8 @@ DirectLight direct_light(PathId at, vec3 position, vec3 normal, int views, out L
 }
 #endif
 
-// Adds `lit`, the light of a light sample, to L if the sample is visible. start: start of the shadow ray, at
-// distance `rounding` from the surface of `triangle`.
+// Adds `lit`, the path's radiance from a light sample, to L if the sample is visible. start: start of the shadow
+// ray, at distance `rounding` from the surface of `triangle`.
 void add_unblocked(
     inout vec3 L, vec3 lit, PathId at, DirectLight direct, LightSample light_sample, vec3 start, float rounding, int triangle)
 {

@@ -1,10 +1,10 @@
 // path_numbers.glsl: random numbers for the vertices of a path.
-// Needs:  BRANCHES: number of branches of a path; BOUNCES: number of bounces, from the first, whose directions come
-//         from the sequence; START_POINTS; random.glsl
+// Needs:  BRANCHES: number of branches of a path; BOUNCES: number of first bounces whose directions come from the
+//         sequence; START_POINTS: paths start at points instead of an eye; random.glsl
 //
-// Each path set has one sequence point for each bounce. Each path shifts this point by random numbers of its own,
-// which are the same in every set. The points of one pixel are thus as evenly spread as the sequence, and the
-// points of two pixels are independent.
+// Each path set has one sequence point for each bounce. Each path shifts this point by random numbers of its own.
+// A path has the same random numbers in every set. So the points of one pixel are as evenly spread as the sequence,
+// and the points of two pixels are independent.
 uniform uint path_seed;              // seed of the paths' shifts
 uniform uvec2 direction_points[BRANCHES * BOUNCES];
 uniform uint choice_point;           // sequence point of the path set, see choice_number()
@@ -23,8 +23,8 @@ struct PathId
     int branch;
 };
 
-// Random number in [0, 1), different for each vertex, branch and use. use: USE_ constant of random.glsl, or 0 and 1
-// for the two numbers of a direction.
+// Returns a random number in [0, 1), different for each vertex, branch and use. use: USE_ constant of random.glsl,
+// or 0 and 1 for the two numbers of a direction.
 float random_at(PathId at, uint use)
 {
     return random_number(at.path, 8u * uint(BRANCHES * at.depth + at.branch + 1) + use);
@@ -47,15 +47,16 @@ void opacity_key_at(PathId at, uint use)
 }
 #endif
 
-// Random number in [0, 1) by which a vertex chooses one of its light samples.
+// Returns a random number in [0, 1) by which a vertex chooses one of its light samples.
 float choice_number(PathId at)
 {
     uint vertex = uint(BRANCHES * at.depth + at.branch);
     return unit(choice_point ^ pcg(at.path + pcg(path_seed + 2u * vertex + 1u)));
 }
 
-// Returns two numbers in [0, 1) that determine a path's next direction. Lattice points are shifted by addition,
-// points of a digital net (Sobol) by exclusive or.
+// Returns two numbers in [0, 1) that determine a path's next direction. They are a shifted sequence point for the
+// first BOUNCES bounces, and random numbers after that. Lattice points are shifted by addition, Sobol points by
+// exclusive or.
 vec2 direction_numbers(PathId at)
 {
     if (at.depth >= BOUNCES) return vec2(random_at(at, 0u), random_at(at, 1u));
