@@ -62,9 +62,8 @@ DENSITIES = 1e-18, 1e18
 DENOISED_SPP = 128
 #: Maximum side of a page's preview in a notebook, pixels.
 _PREVIEW = 1024
-#: Assumed peak memory in bytes per texel, for samples, sensor tables, film sums and pages. Measured were 1500 for
-#: a million texels, and more per texel for fewer texels.
-_BYTES = 1400
+#: Peak memory in bytes per texel, for samples, sensor tables, film sums and pages, measured with a million texels.
+_BYTES = 1500
 #: Minimum fraction of a page that texels fill, assumed by the memory estimate if charts are scaled to fit one page.
 _FILLED = 0.5
 _POINT, _UP = np.zeros((1, 1, 3)), np.array([[[0.0, 0.0, 1.0]]])

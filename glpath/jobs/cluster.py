@@ -86,7 +86,7 @@ class Cluster(Connection):
         super().__init__(address, dashboard)
 
     def render(self, job: RenderJob, scene: Scene, options: RunOptions) -> Film:
-        """Render a job by all workers; `glpath.rendering.run` calls it for `cluster=`.
+        """Render a job by all workers; `glpath.rendering.calls.run` calls it for `cluster=`.
 
         `on_step` is called when chunks have been merged. `film.metadata.elapsed_s` and `time_limit` are measured in
         this process; `statistics["worker_s"]` is the sum of the workers' times. With `noise` or `clean` the render
@@ -99,7 +99,7 @@ class Cluster(Connection):
         TimeLimitError : if no path set is rendered within `time_limit`
         RenderInterrupted : on Ctrl-C, with the film of all merged path sets
 
-        Other errors are those of `glpath.rendering.run`.
+        Other errors are those of `glpath.rendering.calls.run`.
         """
         plan = checked_plan(job, scene).resumed(options.film)
         clock = begin(job, plan, scene, options, None, prepared=False)

@@ -139,7 +139,8 @@ def check_scene(scene: Scene, seen: bool = True) -> list[str]:
         check_time()
         around = enclosing(scene, light.position)
         lit_inside |= around != 0
-        found += _about_what_hides(light, scene, np.flatnonzero((around != 0) & (around_camera == 0)))
+        found += _about_what_encloses(light, scene, np.flatnonzero((around != 0) & (around_camera == 0)))
+        found += _about_planes(light, scene) if seen else []
     if seen:
         found += _about_camera(scene, np.flatnonzero((around_camera > 0) & ~lit_inside))
     return found + _about_time(scene) + _about_materials(scene) + _about_opacity(scene)
@@ -217,23 +218,27 @@ def _about_darkness(scene: Scene) -> list[str]:
     ]
 
 
-def _about_what_hides(light: Light, scene: Scene, around: NDArray[np.intp]) -> list[str]:
-    """Return warnings about shapes and planes that occlude a light.
+def _about_what_encloses(light: Light, scene: Scene, around: NDArray[np.intp]) -> list[str]:
+    """Return warnings about shapes that occlude a light.
 
     around : indices of shapes that enclose the light, but not the camera
     """
-    found = [
+    return [
         f'The light "{light.name}" stands inside the shape "{scene.shapes[index].name}", which keeps it from '
         "everything outside. Move the light out, or leave the shape away."
         for index in around
     ]
+
+
+def _about_planes(light: Light, scene: Scene) -> list[str]:
+    """Return warnings about planes between a light and the camera."""
     # Signed distances, above 0 on the front side of each plane.
     eye, lamp = (
         np.sum(scene.planes[:, :, 2] * (point - scene.planes[:, :, 3]), axis=1)
         for point in (scene.camera.position, light.position)
     )
     shape_of_plane = scene.shapes.primitive_shape("plane")
-    return found + [
+    return [
         f'The light "{light.name}" and the camera are on different sides of the plane '
         f'"{scene.shapes[shape_of_plane[index]].name}", which keeps it from all that can be seen. Move one of them.'
         for index in np.flatnonzero(eye * lamp < 0)

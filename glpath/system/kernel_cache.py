@@ -42,6 +42,8 @@ _fcntl = posix_module("fcntl")
 #: Maximum wait for another process that compiles the same kernel, seconds. After it, that process probably hangs,
 #: so this process compiles the kernel too.
 _PATIENCE = 60.0
+# Stands for a descriptor if locks are impossible. 0 is a descriptor if standard input is closed.
+_NO_LOCKS = -1
 _HOUSE = Path(__file__).parents[1]
 # Name of the folder of kernels. It has the user's id, so that users of a shared installation have separate folders.
 _FOLDER = f"glpath-kernels-{os.geteuid()}" if hasattr(os, "geteuid") else "glpath-kernels"
@@ -233,20 +235,20 @@ def _alone(path: Path, on_wait: Callable[[], None]) -> Iterator[None]:
     try:
         yield
     finally:
-        if handle:
+        if handle is not None and handle != _NO_LOCKS:
             path.unlink(missing_ok=True)
             os.close(handle)
 
 
 def _locked(path: Path) -> int | None:
-    """Lock a file and return its descriptor; None if another process has the lock, 0 if locks are impossible."""
+    """Lock a file and return its descriptor; None if another process has the lock, `_NO_LOCKS` if impossible."""
     if _fcntl is None:
-        return 0
+        return _NO_LOCKS
     try:
         _make_folder(path.parent)
         handle = open_without_links(path, os.O_CREAT | os.O_RDWR, 0o600)
     except OSError:
-        return 0
+        return _NO_LOCKS
     try:
         _fcntl.flock(handle, _fcntl.LOCK_EX | _fcntl.LOCK_NB)
         if os.path.samestat(os.fstat(handle), os.lstat(path)):  # the last holder has not removed it
@@ -257,6 +259,6 @@ def _locked(path: Path) -> int | None:
         pass
     except OSError:
         os.close(handle)
-        return 0
+        return _NO_LOCKS
     os.close(handle)
     return None

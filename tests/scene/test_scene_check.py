@@ -141,6 +141,13 @@ def test_a_light_below_the_ground_is_warned_of():
     assert 'The light "lamp" and the camera are on different sides of the plane "ground"' in warning
 
 
+def test_points_have_no_camera_that_a_plane_could_separate_from_a_light():
+    camera = {"position": (0, 0, 5), "target": (0, 0, 0)}
+    lights = [{**LAMP, "position": [0, -3, 0]}]
+    described = {"camera": camera, "shapes": [BALL, GROUND], "lights": lights}
+    assert check_scene(scene_from_dict(described), seen=False) == []
+
+
 @pytest.mark.parametrize("two_sided", [False, True])
 def test_a_camera_inside_of_a_mesh_with_one_side_is_warned_of(two_sided: bool):
     found = scene(type="box", min=[-1, -1, -1], max=[1, 1, 1], radius=None, subdivisions=None)

@@ -605,3 +605,17 @@ def test_the_first_solution_compiles_in_several_processes(tmp_path: Path) -> Non
     for name in ahead.LARGEST:
         assert f"compiling kernels: {name}" not in done.stderr
         assert len(list(tmp_path.rglob(f"*.{name}*.nbc"))) == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such locks")
+def test_a_lock_whose_descriptor_is_that_of_a_closed_standard_input_is_released(tmp_path: Path) -> None:
+    program = (
+        "import os, sys\n"
+        "from pathlib import Path\n"
+        "from glpath.system.kernel_cache import _alone\n"
+        "os.close(0)\n"
+        "with _alone(Path('kernel.lock'), lambda: None):\n"
+        "    assert os.path.samestat(os.fstat(0), os.stat('kernel.lock'))\n"
+        "assert not os.path.exists('kernel.lock')\n"
+    )
+    subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True)
