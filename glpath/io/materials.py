@@ -1,7 +1,7 @@
-"""Materials of a scene file, and their textures: pictures in files [imageio, OpenEXR] and checkers.
+"""Build the materials and textures of a scene file. A texture is an image file [imageio, OpenEXR] or a checker.
 
-Rotation tags and colour profiles of image files are ignored. The transparency of a PNG is used if a material's
-alpha is "mask" or "blend", or if a slot of the material reads alpha.
+Rotation tags and colour profiles of image files are ignored. The alpha channel of a PNG is used in two
+cases: a material with this texture has alpha "mask" or "blend", or the texture is in a slot that reads alpha.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _COLOURS = (
     "diffuse_transmission_color_texture",
     "sheen_texture",
 )
-# Fields of [materials.NAME] whose name in `Material` differs, with that name.
+# Scene-file field to field of `Material`, for those fields of [materials.NAME] that `Material` names differently.
 _RENAMED = {
     "specular": "specular_weight",
     "specular_color": "specular_colour",
@@ -63,7 +63,12 @@ FORMATS = (".png", ".jpg", ".jpeg", ".exr")
 def materials(
     given: Mapping[str, AnyMaterial], texture_number: Mapping[str, int], location: SourceLocation
 ) -> tuple[Material, ...]:
-    """Return the materials of the table at `location`. Raises SceneError."""
+    """Build the materials of a scene file. Raises SceneError.
+
+    given          : entries of the table of materials, by name
+    texture_number : index of each texture, by name
+    location       : location of the table, for errors
+    """
     return tuple(_material(name, each, texture_number, location.field(name)) for name, each in given.items())
 
 
@@ -168,11 +173,11 @@ def _slot(
 
 
 class _Use(NamedTuple):
-    """Uses of a texture by materials.
+    """Use of one texture by all materials.
 
     alpha  : True if a material uses the alpha of the texture
-    colour : True if the texture's values are colours
-    shines : True if it is an `emission_texture`, and no material has it as `texture`
+    colour : True if the texture's values are colours, not data such as normals or roughness
+    shines : True if a material has the texture as `emission_texture`, and none has it as `texture`
     """
 
     alpha: bool
@@ -187,11 +192,13 @@ def textures(
     folder: Path,
     heights: Collection[str] = (),
 ) -> tuple[Texture, ...]:
-    """Return the textures of the table at `location`. Raises SceneError.
+    """Build the textures of a scene file. Raises SceneError.
 
-    used_by : materials by name. Their slots decide whether alpha is used and whether the values are colours
-    folder  : base folder of relative paths
-    heights : names of the textures that displace surfaces
+    given    : entries of the table of textures, by name
+    used_by  : materials by name. Their slots decide whether alpha is used and whether the values are colours
+    location : location of the table, for errors
+    folder   : base folder of relative paths
+    heights  : names of the textures that displace surfaces
     """
     alpha = {m.texture for m in used_by.values() if m.alpha != "opaque"}
     alpha |= {getattr(m, slot, UNSET) for m in used_by.values() for slot in _ALPHA}
@@ -250,10 +257,10 @@ def _as_stored(path: Path, colours: bool) -> Float64 | NDArray[np.uint8]:
 def _picture(
     path: Path, location: SourceLocation, use: _Use, unfolded: UnfoldedPictures
 ) -> NDArray[np.float32] | NDArray[np.uint8]:
-    """Return the pixels of an image, (h, w, 3) or with alpha (h, w, 4); row 0 is the top.
+    """Read the pixels of an image: (h, w, 3), or (h, w, 4) if it has alpha. Row 0 is the top.
 
-    8-bit images stay uint8 as stored; others become float32, linear Rec. 709. Values of a texture that `shines` may
-    be above 1. Raises SceneError; warns of clipped values.
+    8-bit images stay uint8 as stored. Other images become float32, linear Rec. 709, clipped to [0, 1] with a
+    warning. Only values of an emission texture (`use.shines`) may exceed 1. Raises SceneError.
     """
     read = partial(_as_stored, colours=use.colour)
     stored = stored_picture(path, "a texture", FORMATS, MAX_TEXTURE_PIXELS, location, read, unfolded)

@@ -1,4 +1,4 @@
-"""Models from mesh files: a shape for each material of an OBJ and its MTL, with textures and colours."""
+"""Read mesh files as models, with one shape for each material of an OBJ, and with textures and colours."""
 
 from __future__ import annotations
 
@@ -26,11 +26,12 @@ _GREY = Surface(Material("default", np.full(3, 0.5)), np.zeros(3))
 
 
 def read_mesh_model(path: Path, location: SourceLocation) -> Model:
-    """Return the model in a mesh file, which has one of the suffixes `meshes.FORMATS`.
+    """Read a mesh file as a model. The suffix of the file must be one of `meshes.FORMATS`.
 
-    location : location in the scene that names the file, for errors
+    location : location in the scene file that names this mesh file, for errors
 
-    Raises SceneError as `read_mesh` does. Warns of triangles without area.
+    Raises SceneError for a file that is missing, broken or without triangles, and for faces that name missing
+    vertices. Warns of triangles without area.
     """
     file = read_mesh_file(path, location, colours=True)
     return _Reader(path, location, file).model()
@@ -42,7 +43,7 @@ class _Reader:
     location: SourceLocation
     file: MeshFile
     surfaces: list[Surface] = field(default_factory=list)
-    numbers: dict[int, int] = field(default_factory=dict)  # index of each surface, by id()
+    numbers: dict[int, int] = field(default_factory=dict)  # index in `surfaces` by id() of a surface
     textures: list[Texture] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)
 
@@ -120,7 +121,10 @@ class _Reader:
         return replace(surface, material=material)
 
     def _plain(self, mesh: Mesh) -> tuple[Mesh, Surface]:
-        """Return a mesh without an MTL material, and its surface: texture of a PLY, the mesh's colours, or grey."""
+        """Return the mesh and its surface, for a mesh without an MTL material.
+
+        The surface has the texture of the PLY file, otherwise the colours of the mesh, otherwise grey.
+        """
         textures = self.file.ply.textures if self.file.ply is not None else ()
         if len(textures) > 1:
             self.notes[f"Textures but the first of {len(textures)}."] = None

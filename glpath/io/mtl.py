@@ -1,17 +1,18 @@
-"""MTL files: materials of OBJ files as microfacet surfaces, with their textures.
+"""Read MTL files, which hold the materials of OBJ files, as microfacet surfaces with textures.
 
 Colours are linear, as Blender writes them. The statements are translated as follows:
 
-    Kd map_Kd             reflectance and its texture. Kd of 0 with a texture counts as 1, and so does Ke. If Kd is
-                          from 0 to 255, it is divided by 255, and so are other colours of the file above 1
-    Ks Ns                 gloss, see `phong`; with illum 3, 5 and 8, Ks is the reflectance of a mirror
+    Kd map_Kd             reflectance and its texture. Kd of 0 with a texture counts as 1, and so does Ke of 0. If
+                          the Kd of a file are from 0 to 255, they are divided by 255, and so are Ks, Ke and Tf if
+                          any of their values is above 1
+    Ks Ns                 gloss, see `phong`; with illum 3, 5 or 8, Ks is the reflectance of a mirror
     Pr Pm Pc Pcr aniso    roughness, metallic, clearcoat and its roughness, anisotropy. Pr, Pm and their maps
-                          replace Ks and Ns; map_Pr and map_Pm multiply
-    d, or Tr, map_d       opacity, blended; a surface of opacity 0 is taken for opaque, with a note
-    illum 6, 7            glass of index Ni and colour Tf, which refracts. It is smooth, as in the ray tracers for
+                          replace Ks and Ns; map_Pr and map_Pm multiply Pr and Pm
+    d, or Tr, map_d       opacity, blended; a surface of opacity 0 counts as opaque, with a note
+    illum 6, 7            refracting glass of index Ni and colour Tf. It is always smooth, as in the ray tracers for
                           which these modes were made
-    illum 4, 9            the same without refraction, but only if d < 1 or Tf is neither 0 nor 1: Maya writes
-                          illum 4 and Tf 1 for opaque paint
+    illum 4, 9            glass as for illum 6, but without refraction, if d < 1 or Tf is neither 0 nor 1. Otherwise
+                          the surface is opaque, because Maya writes illum 4 and Tf 1 for opaque paint
     Ke map_Ke             emission, W sr^-1 m^-2
     norm, map_Bump        normal map; a grey map_Bump is a height map, which is not used
 
@@ -21,7 +22,7 @@ Source: Wavefront, MTL material format (1995); the PBR extension of tinyobjloade
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -61,7 +62,13 @@ _MIRRORS, _GLASS, _REFRACTS = (3, 5, 8), (4, 6, 7, 9), (6, 7)
 
 @dataclass(frozen=True)
 class _Map:
-    """Texture that a statement names. `matrix` (2, 3) maps texture coordinates to lookup coordinates."""
+    """Texture that an MTL statement names, with the options of the statement.
+
+    matrix     : (2, 3) affine map from texture coordinates to lookup coordinates, of -s and -o
+    clamped    : True if -clamp is on
+    channel    : channel that -imfchan names, in lower case; None without that option
+    multiplier : factor of -bm
+    """
 
     image: Image
     name: str
@@ -73,9 +80,9 @@ class _Map:
 
 @dataclass
 class Library:
-    """Materials that an OBJ file names, made on request.
+    """Materials in the MTL files of one OBJ file. `surface` builds a material by its name.
 
-    notes    : parts of the materials that are not used, as sentences
+    notes    : sentences about parts of the materials that are not used
     pictures : reader of the texture files; notes on unused files are in `pictures.files`
     """
 
@@ -122,7 +129,7 @@ class Library:
         for _, words in statements(decoded(content)):
             keyword, values = words[0].lower(), words[1:]
             if keyword == "newmtl":
-                # Materials of one name share an entry: later statements add to it or replace earlier ones.
+                # Materials of one name share an entry, so later statements add to or replace the earlier ones.
                 defined = " ".join(" ".join(values).split())
                 written = self._written.setdefault(defined, {})
                 self._commented.setdefault(without_comment(defined), written)
@@ -248,7 +255,7 @@ class _Reader:
         return 1.0 - transparency
 
     def _glass(self, illum: int, opacity: float) -> dict[str, Any]:
-        """Return the fields of a material that transmits light; empty for other materials."""
+        """Return the fields of a `Material` of glass; empty if the material is not glass."""
         if illum not in _GLASS:
             return {}
         passes = self._colour("tf", 0.0)
@@ -266,7 +273,7 @@ class _Reader:
         }
 
     def _base_slot(self, base: _Map | None, alpha: _Map | None) -> TextureSlot | None:
-        """Return the texture slot of the colours. The texture's alpha comes from `map_d` alone."""
+        """Return the slot of a texture with map_Kd as its colours and map_d as its alpha; None without both."""
         if base is None and alpha is None:
             return None
         if alpha is None:
@@ -336,9 +343,10 @@ class _Reader:
         return _Map(image, name, matrix, clamped, channel, multiplier)
 
     def _tint(self, keyword: str, default: float, *, limited: bool = True) -> Float64:
-        """Return the colour of a keyword.
+        """Return the (3,) colour of a keyword, which may have a texture.
 
-        If it is 0 and has a texture, return the default and add a note, because the product would be black.
+        If the colour is 0 but has a texture, return the default and add a note, because their product would be
+        black.
         """
         colour = self._colour(keyword, default, limited=limited)
         name = keyword.capitalize()
@@ -349,9 +357,11 @@ class _Reader:
         return np.full(3, default)
 
     def _colour(self, keyword: str, default: float, *, limited: bool = True) -> Float64:
-        """Return the (3,) colour of a keyword with one number or three.
+        """Return the (3,) colour of a keyword, which has one number or three.
 
-        Spectra and CIE XYZ give the default and a note.
+        If the colour is a spectrum or CIE XYZ, return the default and add a note.
+
+        limited : True to clamp the colour to [0, 1]
         """
         words = self.written.get(keyword, [])
         if not words:
@@ -391,7 +401,7 @@ def _is_number(word: str) -> bool:
 
 
 def _number(word: str, default: float) -> float:
-    """Return the number of a word, clamped to ±1e15 for 32 bits; the default if it is not a finite number."""
+    """Return the number of a word, clamped to ±1e15 for 32-bit floats; the default if it is not a finite number."""
     return float(np.clip(real(word), -1e15, 1e15)) if _is_number(word) else default
 
 
@@ -404,18 +414,16 @@ def _bytes(image: Image) -> NDArray[np.uint8]:
 
 
 def _grey(given: _Map) -> NDArray[np.uint8]:
-    """Return (h, w): the channel that the map names, or the mean of its colours."""
+    """Return one channel (h, w) of a map: the channel that -imfchan names, otherwise the mean of the colours."""
     image = _bytes(given.image)
-    channels: Iterable[str] = "rgbm"
-    if given.channel in tuple(channels) and given.channel != "l":
-        index = "rgbm".index(str(given.channel))
-        if index < image.shape[2]:
-            return np.ascontiguousarray(image[..., index])
+    index = {"r": 0, "g": 1, "b": 2, "m": 3}.get(given.channel or "", 4)
+    if index < image.shape[2]:
+        return np.ascontiguousarray(image[..., index])
     return np.asarray(image[..., :3].mean(axis=2) + 0.5, np.uint8)
 
 
 def _alpha(given: _Map) -> NDArray[np.uint8]:
-    """Return (h, w): the alpha of an image if it has one, or else its grey values."""
+    """Return the opacity (h, w) of a map: its alpha, unless -imfchan is given; otherwise its grey values."""
     image = _bytes(given.image)
     if given.channel is None and image.shape[2] == 4:
         return np.ascontiguousarray(image[..., 3])

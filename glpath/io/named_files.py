@@ -1,4 +1,4 @@
-"""Search for files that a model names, such as pictures, with notes on those found elsewhere or not at all.
+"""Search for the files that a model names, such as pictures. Notes report files found elsewhere or not at all.
 
 Models move between machines. The file names in them may then be paths of another machine, or differ in case or
 encoding. They may also contain backslashes or quotes, or have accents as separate characters.
@@ -17,7 +17,7 @@ from glpath.system.files import reason_of
 
 # Maximum number of subfolders that are searched for a missing file.
 _MAX_FOLDERS = 100
-# Maximum number of parts in the ends of a path, such as textures/wood.png, that are tried for a missing file.
+# Maximum number of trailing parts of a path that are tried for a missing file; textures/wood.png has two parts.
 _MAX_PARTS = 8
 # Encodings that are tried for a file name that is not UTF-8, and has therefore been decoded as Latin-1.
 _ENCODINGS = ("gb18030", "cp932", "big5", "cp949", "cp1250", "cp1251", "cp1252")
@@ -30,7 +30,7 @@ _LONGEST = 120
 
 
 class Folders:
-    """Listings of folders, each read once."""
+    """Cache of folder listings, so that each folder is read once."""
 
     def __init__(self) -> None:
         self._names: dict[Path, dict[str, str] | None] = {}
@@ -41,12 +41,12 @@ class Folders:
         if folder not in self._names:
             try:
                 self._names[folder] = {_folded(each): each for each in sorted(os.listdir(folder), reverse=True)}
-            except (OSError, ValueError):  # ValueError for a NUL
+            except (OSError, ValueError):  # ValueError if the path contains a NUL
                 self._names[folder] = None
         return self._names[folder]
 
     def subfolders(self, folder: Path) -> list[str]:
-        """Return the names of the first subfolders in alphabetical order; [] if the folder cannot be listed."""
+        """Return the names of the alphabetically first _MAX_FOLDERS subfolders; [] if the folder is unreadable."""
         if folder not in self._subfolders:
             try:
                 names = sorted(each.name for each in os.scandir(folder) if each.is_dir())
@@ -57,15 +57,15 @@ class Folders:
 
 
 class UnusableError(Exception):
-    """Reason why a file that a model names is not used, as the end of a sentence: "which does not exist"."""
+    """Error for an unusable file that a model names. Its text ends a sentence: "which does not exist"."""
 
 
 @dataclass
 class NamedFiles:
-    """Files that one model names.
+    """Search for the files that one model names, with a record of its results.
 
-    moved    : description, by name, of the file that is read instead of a missing one
-    unusable : reason, by name, why a picture is not used
+    moved    : description of the file that is read instead of a missing file, by name of the missing file
+    unusable : reason why a picture is not used, by name of the picture
     folders  : listings of the folders that were searched
     """
 
@@ -75,10 +75,10 @@ class NamedFiles:
     folders: Folders = field(default_factory=Folders)
 
     def find(self, folder: Path, name: str) -> Path:
-        """Return the file as `spelt_file` does, or else a file of the same base name elsewhere in the folder.
+        """Return the file `name` of a folder, in any spelling, or else a file of that base name elsewhere in it.
 
-        Of several such files, the file whose path agrees with `name` in most folders is taken. `notes` reports it.
-        Raises UnusableError.
+        `spelt_file` tries the spellings. If several files have the base name, the file whose path has the most
+        folders in common with `name` is chosen. `notes` reports a file found elsewhere. Raises UnusableError.
         """
         key = (folder, name)
         if key not in self._paths:
@@ -118,12 +118,12 @@ class NamedFiles:
 
 
 def named_file(folder: Path, name: str, folders: Folders | None = None) -> Path:
-    """Return the file that a name means in a model's folder or its subfolders; the case of letters may differ.
+    """Return the file at the path `name` below a model's folder; the case of letters may differ.
 
-    Backslashes separate folders as well. Links are followed before the check that the file is inside the folder.
-    Raises UnusableError.
+    Backslashes also separate folders. A link counts by its target, which must be inside the folder. Raises
+    UnusableError.
 
-    folders : listings of earlier searches
+    folders : cache of folder listings from earlier searches
     """
     path = folder / name.replace("\\", "/")
     try:
@@ -140,7 +140,7 @@ def named_file(folder: Path, name: str, folders: Folders | None = None) -> Path:
 
 
 def spelt_file(folder: Path, name: str, folders: Folders | None = None) -> Path:
-    """Return the file as `named_file` does, also if the name is in quotes or in another encoding.
+    """Return the file that `named_file` finds for a name; also try it without quotes and in other encodings.
 
     Raises UnusableError.
     """
@@ -203,7 +203,7 @@ def _of_base_name(folder: Path, parts: Sequence[str], folders: Folders) -> list[
 
 
 def _in_any_case(folder: Path, parts: Sequence[str], folders: Folders) -> Path | None:
-    """Return the file at a path below a folder, in any case; None if it does not exist or a link leads outside."""
+    """Return the file at a path below a folder, ignoring case; None if there is none or a link leads outside."""
     path = folder
     try:
         for part in parts:

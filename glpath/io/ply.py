@@ -1,4 +1,4 @@
-"""Read PLY files, ASCII or binary, as arrays: elements of scalar and list properties.
+"""Read ASCII or binary PLY files. Each scalar or list property of an element becomes an array.
 
 Source: Turk, The PLY Polygon File Format, 1994.
 """
@@ -26,7 +26,7 @@ Bytes = NDArray[np.uint8]
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 _TYPES |= {"float": "f4", "double": "f8", "float16": "f2", "float32": "f4", "float64": "f8"}
 _TYPES |= {f"{sign}int{8 * size}": f"{sign or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)}
-# Format codes of `struct`, by kind and bytes of a numpy type.
+# Format codes of the module `struct`, by kind and size in bytes of a numpy type.
 _CODES = {("i", 1): "b", ("i", 2): "h", ("i", 4): "i", ("i", 8): "q", ("f", 2): "e", ("f", 4): "f", ("f", 8): "d"}
 _CODES |= {("u", size): code.upper() for (kind, size), code in _CODES.items() if kind == "i"}
 # Byte order of numbers in each format; ASCII numbers are parsed as native doubles.
@@ -46,7 +46,7 @@ _CHECKED_ROWS = 1 << 14
 
 @dataclass(frozen=True)
 class Ragged:
-    """Lists of different lengths: the values of all rows, one after the other.
+    """List property of all rows. Lists may differ in length; their values are stored one after the other.
 
     counts : (rows,) int64, length of each list
     values : (sum of counts,)
@@ -58,11 +58,12 @@ class Ragged:
 
 @dataclass(frozen=True)
 class Element:
-    """Rows of one kind, such as vertices. Names of properties are in lower case.
+    """Rows of one PLY element, such as the vertices. Property names are in lower case.
 
-    columns : (count,) array of each scalar property, a view of the file if it is binary
-    lists   : list properties
-    types   : numpy codes of the scalar properties as the header declares them, such as "u2"
+    count   : number of rows
+    columns : (count,) array of each scalar property, by name; may be a view of a binary file's bytes
+    lists   : list properties, by name
+    types   : numpy codes of the scalar properties as the header declares them, such as "u2", by name
     """
 
     count: int = 0
@@ -71,17 +72,21 @@ class Element:
     types: dict[str, str] = field(default_factory=dict)
 
     def stacked(self, names: Sequence[str]) -> Float64:
-        """Return scalar properties as (count, len(names)) float64."""
+        """Return the named scalar properties as the columns of a (count, len(names)) float64 array."""
         return np.stack([as_float64(self.columns[name]) for name in names], axis=1)
 
     def first_of(self, *choices: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the first of several lists of names whose properties all exist; empty if none do."""
+        """Return the first of several tuples of names that are all scalar properties; () if there is none."""
         return next((names for names in choices if all(name in self.columns for name in names)), ())
 
 
 @dataclass(frozen=True)
 class _Property:
-    """Declaration of a property: the type of its values and, if it is a list, of its length."""
+    """Declaration of a property.
+
+    type       : numpy code of the values, such as "f4"
+    count_type : numpy code of a list's length; empty for a scalar property
+    """
 
     name: str
     type: str
@@ -94,7 +99,7 @@ class Header:
 
     format   : ascii, binary_little_endian or binary_big_endian
     elements : (name, count, properties) in the order of the file
-    textures : names of pictures, from comments
+    textures : names of texture files, from comments of the form "TextureFile NAME"
     start    : offset of the data in bytes
     lines    : number of lines of the header
     """
@@ -156,7 +161,9 @@ def read_header(content: bytes) -> Header:
 
 
 def read_elements(content: bytes, header: Header) -> tuple[dict[str, Element], int]:
-    """Return the elements by name, and the number of bytes, or of ASCII numbers, after the last element.
+    """Return the elements by name, and the size of the data after the last element.
+
+    The size is in bytes for a binary file, and in numbers for an ASCII file.
 
     Raises ValueError if the file holds fewer rows than the header announces.
     """
@@ -187,7 +194,7 @@ def read_elements(content: bytes, header: Header) -> tuple[dict[str, Element], i
 
 
 def _parsed(body: bytes, first_line: int) -> Float64:
-    """Return the numbers of ASCII data that begin at line `first_line`. Raises ValueError for other words."""
+    """Parse ASCII data that begin at line `first_line`. Raises ValueError for a word that is not a number."""
     text = with_plain_nan(decoded(body)).replace("\r\n", "\n").replace("\r", "\n")
     try:
         return parse_numbers(text.strip())
@@ -201,7 +208,7 @@ def _parsed(body: bytes, first_line: int) -> Float64:
 
 
 def _read_rows(name: str, count: int, properties: list[_Property], data: Bytes, at: int) -> tuple[Element, int]:
-    """Return an element whose data begin at byte `at`, and the byte at which they end."""
+    """Return an element whose data begin at byte `at`, and the offset of the first byte after its data."""
     min_size = sum(np.dtype(each.count_type or each.type).itemsize for each in properties)
     if count * min_size > len(data) - at:
         raise _too_short(name, count, (len(data) - at) // min_size)
@@ -211,7 +218,10 @@ def _read_rows(name: str, count: int, properties: list[_Property], data: Bytes, 
 
 
 def _uniform_rows(count: int, properties: list[_Property], data: Bytes, at: int) -> tuple[Element, int] | None:
-    """Return an element whose lists have equal lengths in all rows, and its end; None otherwise."""
+    """Return an element whose lists have the same lengths in every row, and the offset of the byte after its data.
+
+    Returns None if the lengths differ between rows, or exceed `_MAX_UNIFORM` or the data.
+    """
     fields: list[Any] = []
     lengths: dict[int, int] = {}
     end = at
@@ -250,13 +260,13 @@ def _length_at(data: Bytes, at: int, kind: str) -> float:
 
 
 def _ragged_rows(name: str, count: int, properties: list[_Property], data: Bytes, at: int) -> tuple[Element, int]:
-    """Return an element with lists of different lengths, and the byte at which it ends. Reads rows one by one."""
+    """Read an element row by row, because its lists differ in length. Return it and the byte offset after it."""
     lists = [each for each in properties if each.count_type]
-    # For each list: bytes of the scalars before it, the function that unpacks its length, and the sizes of the
-    # length and of a value.
+    # For each list: total size of the scalars before it, function that unpacks its length, size of the length, and
+    # size of a value. Sizes are in bytes.
     steps: list[tuple[int, Any, int, int]] = []
     begins, counts = [array("q") for _ in lists], [array("q") for _ in lists]
-    scalars: list[list[tuple[_Property, int]]] = [[]]  # scalars before each list and after the last, with offsets
+    scalars: list[list[tuple[_Property, int]]] = [[]]  # scalars and offsets before each list, and after the last
     skip = 0
     for each in properties:
         size = np.dtype(each.type).itemsize
@@ -309,7 +319,7 @@ def _ragged_rows(name: str, count: int, properties: list[_Property], data: Bytes
 
 
 def _gathered(data: Bytes, starts: Int64, counts: Int64, kind: str) -> NDArray[Any]:
-    """Return joined runs of values: run i has `counts[i]` values of type `kind`, from byte `starts[i]` on."""
+    """Concatenate runs of values of type `kind`. Run i has `counts[i]` values and begins at byte `starts[i]`."""
     size = np.dtype(kind).itemsize
     offsets = np.repeat(starts - size * (np.cumsum(counts) - counts), counts) + size * np.arange(counts.sum())
     blocks = [

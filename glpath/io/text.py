@@ -1,4 +1,4 @@
-"""Statements and numbers of text formats: OBJ, MTL, OFF, STL and PLY.
+"""Parse the statements and numbers of the text formats OBJ, MTL, OFF, STL and PLY.
 
 Statements may be indented, separated by tabs, continued on the next line after a backslash, and followed by
 comments. Names, such as `Material #25`, are kept as written. Only a backslash after a blank continues the line of a
@@ -24,7 +24,7 @@ from glpath.system.time_limit import check_time
 _NAN = re.compile(r"\b1\.#(?:QNAN|SNAN|IND)\d*|(?<![^\s+-])nan\(\w*\)(?!\S)", re.IGNORECASE)
 # Infinity as the old library writes it, such as `1.#INF`.
 _INFINITE = re.compile(r"\b1\.#(?:INF|J)\d*", re.IGNORECASE)
-# Keywords of statements with a name, which may look like a number or contain #.
+# Keywords of statements that hold a name. The name may look like a number or contain #.
 _OF_NAMES = re.compile(
     r"\s*(map_\w+|bump|norm|disp|decal|refl|usemtl|newmtl|mtllib|usemap|maplib|[og])[ \t]", re.IGNORECASE
 )
@@ -35,13 +35,13 @@ _CONTINUED = tuple(f"{blank}\\" for blank in _BLANKS)
 _OF_NUMBERS = frozenset("vf")
 # Number of lines between checks of the time limit.
 _CHECKED_LINES = 1 << 13
-# Minimum number of letters of numbers that are parsed between checks of the time limit.
+# Minimum number of characters that are parsed between two checks of the time limit.
 _PIECE = 1 << 22
 _BLANK = re.compile(r"\s")
 
 
 def statements(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the number of the line on which each statement begins, from 1, and the words of the statement.
+    """Yield each statement as the number of its first line, from 1, and its words.
 
     A statement with a name has two words: its keyword, and all that follows.
     """
@@ -84,7 +84,7 @@ def _decoded(content: bytes) -> str:
 
 
 def with_plain_nan(text: str) -> str:
-    """Return text with NaN and infinity spelt `nan` and `inf`, also if a C library wrote other forms."""
+    """Return the text with every NaN and infinity of Microsoft's C libraries spelt as `nan` and `inf`."""
     if "#" in text or "(" in text:
         return _INFINITE.sub("inf", _NAN.sub("nan", text))
     return text
@@ -113,7 +113,7 @@ def _pieces(text: str) -> Iterator[str]:
 def _parse_piece(text: str) -> NDArray[np.float64]:
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # older numpy only warns of words
+            warnings.simplefilter("error", DeprecationWarning)  # old numpy only warns if a word is not a number
             return np.fromstring(text, sep=" ")
     except (ValueError, DeprecationWarning):
         return np.array([_number(word) for word in text.split()])
@@ -122,7 +122,7 @@ def _parse_piece(text: str) -> NDArray[np.float64]:
 def parse_lines(texts: Iterable[str], lines: Iterable[int], source: str) -> NDArray[np.float64]:
     """Return the numbers of all texts in one array. Raises SceneError with the line of a word that is not a number.
 
-    lines  : line of the file, from 1, for each text
+    lines  : line number in the file, from 1, of each text
     source : name of the file
     """
     texts = list(texts)
@@ -147,9 +147,9 @@ def _number(word: str) -> float:
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
-    """Yield the number of the line on which each statement begins, from 1, and its text without comments."""
+    """Yield each statement as the number of its first line, from 1, and its text without comments."""
     begun, is_name = 0, False
-    before: list[str] = []  # continued lines of the statement
+    before: list[str] = []  # earlier lines of a statement that continues on this line
     # str.splitlines also splits at characters such as U+0085, which may be bytes of letters.
     for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
         begun, line = begun or number, line.rstrip(_BLANKS)

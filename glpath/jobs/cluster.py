@@ -53,9 +53,10 @@ from glpath.system.time_limit import check_time, seconds_left
 
 log = logging.getLogger("glpath")
 
-#: Target time of a chunk, seconds: long compared with the cost of sending it, short compared with its loss.
+#: Target time of a chunk, seconds: long compared with the transfer of its film, but short, because the chunk of a
+#: lost worker is rendered again.
 CHUNK_SECONDS = 5.0
-# Number of chunks at each worker: one that it renders and one that waits, so that the worker does not wait.
+# Number of chunks at each worker: one that it renders and one in reserve, so that the worker is never idle.
 _AHEAD = 2
 # Polling interval of results, seconds.
 _TICK_S = 0.25
@@ -63,7 +64,7 @@ _TICK_S = 0.25
 _LOOK_AROUND_S = 2.0
 # Maximum time to transfer a film, seconds.
 _GATHER_S = 60.0
-# Number of parallel transfers.
+# Number of threads that transfer films.
 _GATHERERS = 4
 # Time for which a lost worker gets no chunks, seconds. The scheduler notices a dead worker late, and a chunk sent
 # there would count as a failed attempt.
@@ -73,10 +74,10 @@ _SILENCE_S = 10.0
 
 
 class Cluster(Connection):
-    """Cluster of workers, the `cluster` of `glpath.render`, `render_frames`, `irradiance` and `lightmap`.
+    """Cluster of workers, the argument `cluster` of `glpath.render`, `render_frames`, `irradiance` and `lightmap`.
 
-    address, dashboard, errors : as in `Connection`
-    chunk_seconds : target time of a chunk of path sets on a worker, seconds
+    address, dashboard : arguments of `Connection`, which also describes the errors
+    chunk_seconds      : target time of a chunk of path sets on a worker, seconds
     """
 
     def __init__(self, address: str, dashboard: bool = False, chunk_seconds: float = CHUNK_SECONDS) -> None:
@@ -86,7 +87,7 @@ class Cluster(Connection):
         super().__init__(address, dashboard)
 
     def render(self, job: RenderJob, scene: Scene, options: RunOptions) -> Film:
-        """Render a job by all workers; `glpath.rendering.calls.run` calls it for `cluster=`.
+        """Render a job on all workers. `glpath.rendering.calls.run` calls this method if it is given a cluster.
 
         `on_step` is called when chunks have been merged. `film.metadata.elapsed_s` and `time_limit` are measured in
         this process; `statistics["worker_s"]` is the sum of the workers' times. With `noise` or `clean` the render
@@ -124,9 +125,10 @@ class Cluster(Connection):
 def _with_small_bias(
     plan: Plan, job: RenderJob, scene: Scene, traced: Scene, options: RunOptions, clock: Clock
 ) -> Plan:
-    """Measure the bias of the prepared plan here, once for all workers.
+    """Return the prepared plan, or a replacement if its bias is too large.
 
-    Returns the plan, or another plan if the bias is too large.
+    The bias is measured in this process, once for all workers. If this process has no usable device, the result is
+    a plan without bias if the job allows one.
     """
     if clock.film.metadata.statistics.keys() & {BIAS_PROBE, REJECTED_GATHER} or not plan.settings.biased:
         return plan
@@ -174,7 +176,7 @@ class _Render:
     _gatherers: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(_GATHERERS, "gather"))
     _running: dict[Any, _Task] = field(default_factory=dict)
     _warned: set[str] = field(default_factory=set)  # texts of workers' warnings already given
-    _parts: dict[int, Film] = field(default_factory=dict)  # results that wait for earlier chunks
+    _parts: dict[int, Film] = field(default_factory=dict)  # films not merged yet, by first path set
     _order: list[int] = field(default_factory=list)  # first path sets of chunks that are handed out, but not merged
     _reasons: dict[int, str] = field(default_factory=dict)  # reasons of failures by first path set
     _workers: list[str] = field(default_factory=list)
@@ -183,7 +185,7 @@ class _Render:
     _merging: float = 0.0  # seconds to merge the last film
 
     def run(self) -> None:
-        """Fill the clock's film. Raises the errors of `Cluster.render`."""
+        """Render the missing path sets into the clock's film. Raises the errors that `Cluster.render` lists."""
         film = self.clock.film
         chunks = Chunks(
             missing(self.shared.job.path_sets, film.ranges),
@@ -242,7 +244,7 @@ class _Render:
                 return rule
 
     def _ended(self) -> str:
-        """Return the rule that ends the render, or "". Raises TimeLimitError if no worker is done in time."""
+        """Return the rule that ends the render, or "". Raises TimeLimitError if time is over without a path set."""
         film = self.clock.film
         if not film.path_sets:
             check_time("workers render the first path sets")
@@ -318,7 +320,8 @@ class _Render:
     def _ready(self) -> list[int]:
         """Return the first path set of each chunk to merge now.
 
-        If a stop rule checks the film, chunks are merged in order, one at a time; otherwise all that have arrived.
+        If a stop rule checks the film, chunks are merged in order, one at a time. Otherwise all chunks that have
+        arrived are merged.
         """
         if self.clock.options.noise is None and self.clock.options.clean is None:
             return list(self._parts)
@@ -392,14 +395,14 @@ class _Render:
         self.clock.finish(self, rule)
 
     def statistics(self) -> dict[str, object]:
-        """Return the statistics of workers and merging, as an engine does."""
+        """Return the statistics of workers and merging; `Clock.finish` calls this method as for an engine."""
         return self._counts
 
     def _cancel(self) -> None:
         with quiet(), contextlib.suppress(Exception):
             self.cluster.client.cancel(list(self._running), force=True)
         self._running.clear()
-        # Delete the shared data in a thread, and do not wait for it, because a worker may hang.
+        # Delete the shared data in a thread. Do not wait for the thread, because a worker may hang.
         self._gatherers.submit(self.cluster.forget, self.shared)
         self._gatherers.shutdown(wait=False)
 

@@ -1,10 +1,10 @@
 """Connection to the workers of a cluster (Dask distributed): local processes, or workers of a scheduler.
 
 Trust:    a Dask scheduler runs any code that a client sends on all workers, and a client unpickles data from
-          workers. So all parts of a cluster trust each other fully, and anybody who can connect acts as that user
-          on every machine. Therefore local processes listen only on the loopback interface. They use TLS with a
-          temporary key that is kept only in memory, so other users of the machine cannot connect. Without TLS a
-          warning is printed, because anybody who reaches the port can run code.
+          workers. So all parts of a cluster trust each other fully, and anybody who can connect can act as the
+          cluster's user on every machine. Therefore local processes listen only on the loopback interface. They
+          use TLS with a temporary key that is kept only in memory, so other users of the machine cannot connect.
+          Without TLS a warning is printed, because anybody who reaches the port can run code.
 Cost:     seconds to start a local process, with its own context and shaders.
 """
 
@@ -43,7 +43,7 @@ _LOOP_STARTS = 3
 _LOST_S = 3.0
 # Maximum time to wait for a scheduler's answer, seconds.
 _ANSWER_S = 30.0
-# Signals that children do not get. SIGTERM is not among them, because Dask ends workers that fail to start with it.
+# Signals that child processes do not get. Dask sends SIGTERM to workers that fail to start, so it is not blocked.
 _BLOCKED = set(ENDING) - {signal.SIGTERM}
 _ENCRYPTED = ("tls://", "wss://", "inproc://")
 
@@ -57,8 +57,9 @@ class Connection:
                 `client.dashboard_link`; it needs the package bokeh. The dashboard has no password, so every user of
                 this machine can read it
 
-    Raises UsageError for another address, ContextError if the scheduler does not answer, GlpathError if distributed
-    is missing. A scheduler without TLS gives a warning in the log; see the top of this module.
+    Raises UsageError for an invalid address, ContextError if the scheduler does not answer, and GlpathError if the
+    package distributed is missing. The log gets a warning if the scheduler does not use TLS; the docstring of this
+    module explains the risk.
     """
 
     def __init__(self, address: str, dashboard: bool = False) -> None:
@@ -84,7 +85,7 @@ class Connection:
             _warn_if_open(self.address, self.client.scheduler.address)
 
     def _start_local(self, distributed: Any, count: int, dashboard: bool) -> None:
-        """Start local processes. Signals wait, because Dask cannot close a cluster that is half started."""
+        """Start local processes. Signals are deferred until the end: Dask cannot close a half-started cluster."""
         self._local = _local_cluster(distributed, count, dashboard)
         self.client = distributed.Client(self._local, set_as_default=False, direct_to_workers=True)
 
@@ -133,7 +134,7 @@ class Connection:
             raise self._gone(str(error) or f"no answer in {_ANSWER_S:g} s") from error
 
     def share(self, shared: Sharable) -> None:
-        """Send shared data to each present and future worker. Raises ContextError."""
+        """Send shared data to each present and future worker. Raises ContextError if the scheduler is gone."""
         try:
             self.client.register_plugin(_sharing(_distributed(), shared), name=shared.token)
         except OSError as error:
@@ -184,12 +185,12 @@ def _count(address: str) -> int:
 def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
     cores = core_count()
     share = cores // count
-    # Divide the cores, because llvmpipe would use all of them in each process. 0 lets it render in the calling
-    # thread; 1 is avoided, because llvmpipe has a race with one thread of its own.
+    # Divide the cores among the processes, because llvmpipe would use all cores in each of them. With 0 threads,
+    # llvmpipe renders in the calling thread. 1 is avoided, because a single llvmpipe thread has a race.
     threads = {"LP_NUM_THREADS": str(share if share > 1 else 0)} if count > 1 else {}
     import dask
 
-    # `chunks` repeats tasks of lost workers, because it knows more than the scheduler.
+    # The scheduler shall not repeat tasks of lost workers. `chunks` repeats them, because it knows more about them.
     settings: dict[str, Any] = {"distributed.scheduler.allowed-failures": 0}
     if not dashboard:
         # Schedulers and workers always listen for HTTP. Without routes they answer no request.
@@ -216,10 +217,10 @@ def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
 
 @contextlib.contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """Context whose child processes do not get the signals that a terminal sends to all processes of a command.
+    """Context in which child processes are started without the signals that a terminal sends to a whole command.
 
-    Children inherit the signal mask. So does the tracker of `multiprocessing`, which SIGHUP would end. Its start
-    unblocks SIGINT, so the signals are blocked again.
+    Child processes inherit the mask of blocked signals, and so does the resource tracker of `multiprocessing`,
+    which SIGHUP would end. Starting the tracker unblocks SIGINT, so the signals are blocked again afterwards.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -234,7 +235,7 @@ def _signals_blocked() -> Iterator[None]:
 
 
 def _temporary_security(distributed: Any) -> Any:
-    """Return a key and a certificate for one cluster, kept only in memory; all its parts require them."""
+    """Return a key and certificate that exist only in memory; all processes of one cluster must have them."""
     try:
         return distributed.Security.temporary()
     except ImportError as error:
@@ -289,7 +290,7 @@ def _address_in(path: str) -> str:
 
 
 def _wait_while_refused(address: str) -> None:
-    """Raise ConnectionRefusedError if the address refuses connections for some seconds.
+    """Wait while an address refuses connections. Raises ConnectionRefusedError after some seconds.
 
     Dask itself would retry for half a minute. Other errors are left to Dask.
     """
@@ -319,8 +320,9 @@ def _warn_if_open(address: str, scheduler: str) -> None:
 
 
 def _check_encryption(distributed: Any, address: str, scheduler: str) -> None:
-    """Raise ContextError if Dask's configuration does not fit the address; a client would notice it late.
+    """Raise ContextError if Dask's TLS configuration does not fit the address, before a client would fail.
 
+    address   : address or scheduler file that the user has named, for messages
     scheduler : address of the scheduler, which may come from the scheduler file
     """
     names = "distributed.comm.tls in its configuration, or DASK_DISTRIBUTED__COMM__TLS__CA_FILE, "
@@ -343,7 +345,7 @@ def _check_encryption(distributed: Any, address: str, scheduler: str) -> None:
 
 @contextlib.contextmanager
 def quiet(level: int = logging.CRITICAL) -> Any:
-    """Context that hides distributed's log messages about broken connections, which are expected here."""
+    """Context that hides log messages of distributed below `level`; broken connections are expected here."""
     # Some loggers of distributed have levels of their own.
     names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
     before = {name: logging.getLogger(name).level for name in {"distributed", *names}}

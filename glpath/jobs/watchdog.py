@@ -1,9 +1,9 @@
 """Watchdog: a second process that notices a hanging device or solver, and ends this process.
 
 During a driver call that never returns, no Python thread runs, because the call holds Python's lock. Therefore each
-finished piece of work (`glpath.system.heartbeat`) is reported to a small separate process through a pipe. If
-nothing comes for too long, it prints a line and aborts this process (SIGABRT, exit code 134 in a shell), which
-prints its stack. Data in memory are lost; a checkpoint is not.
+finished piece of work (`glpath.system.heartbeat`) is reported to a small separate process, the watchdog, through a
+pipe. If no report comes for too long, the watchdog prints a line and aborts this process (SIGABRT, exit code 134 in
+a shell). This process then prints its stack and ends. Data in memory are lost, but a checkpoint file remains.
 
 The watchdog counts only time in which it ran itself, so a suspended render (Ctrl-Z) does not count as hanging. It
 also excludes time in which this process alone was stopped (SIGSTOP, a debugger), and time for which its threads
@@ -40,7 +40,7 @@ tick = min(1.0, limit / 4)
 silent = 0.0
 
 def waits():
-    # Seconds for which each thread could have run, but had no processor; nothing where the kernel does not count.
+    # Return the seconds for which each thread has waited for a processor; empty if the kernel does not count them.
     found = {}
     try:
         for thread in os.listdir(f"{proc}/{watched}/task"):
@@ -75,7 +75,7 @@ try:
         os.write(2, message.encode(errors="replace"))
 except OSError:  # stderr is full, closed or disconnected; the hung render is killed all the same
     pass
-for number in (signal.SIGABRT, signal.SIGABRT, signal.SIGKILL):  # the first may wait until its stack trace is read
+for number in (signal.SIGABRT, signal.SIGABRT, signal.SIGKILL):  # the first may block while its trace is printed
     os.kill(watched, number)
     until = time.monotonic() + 5
     while time.monotonic() < until:
@@ -87,7 +87,7 @@ for number in (signal.SIGABRT, signal.SIGABRT, signal.SIGKILL):  # the first may
 class Watchdog:
     """Watchdog that is active during a `with` block.
 
-    limit    : seconds without a finished piece of work
+    limit    : seconds without a finished piece of work after which this process is ended
     where    : message about the data that remain after the process is ended
     suspects : possible causes, for the message
     """
@@ -107,7 +107,7 @@ class Watchdog:
             _PROC,
             *(str(int(number)) for number in ENDING),
         ]
-        with contextlib.suppress(OSError):  # without a watchdog if no process can be started
+        with contextlib.suppress(OSError):  # if no process can be started, there is no watchdog
             self._process = subprocess.Popen(
                 [sys.executable, "-I", "-S", "-c", _CODE, *arguments], stdin=subprocess.PIPE, bufsize=0
             )

@@ -1,12 +1,13 @@
-"""Interface to the light of a scene: light samples, their density, and the light of punctual lights.
+"""Light samples of a scene with their probability densities, and the irradiance by its punctual lights.
 
-Every engine draws its light samples here: emitting sides of shapes, punctual lights (point, spot, directional) and
-the sky. A light is selected with a probability that is half proportional to its power towards the scene, and half
-uniform. A point of a shape is uniform by area, a direction of the sky has the density of its radiance.
+Every engine draws its light samples here. The lights are emitting sides of shapes, punctual lights (point, spot,
+directional) and the sky. The probability of a light is the mean of a uniform one and of one proportional to its
+power towards the scene. Points on a shape are uniform by area, unless a texture modulates its emission. The density
+of sky directions is proportional to their radiance.
 
-Cost:     a search in a table of the lights for each sample; made on the CPU, because a path set needs only one.
+Cost:     a search in a table of the lights for each sample, on the CPU, because a path set needs only one sample.
 Poor at:  very many lights of which each part of the scene sees only a few, because the selection ignores position.
-          Per-path rays use `glpath.lights.tree` there.
+          Per-path rays then use `glpath.lights.tree`.
 Source:   PB 3.3 and A.3; Shirley, Wang & Zimmerman 1996, Monte Carlo techniques for direct lighting calculations;
           Owen & Zhou 2000, Safe and effective importance sampling, for the mixture.
 """
@@ -36,9 +37,11 @@ _UNSEEN = 0.2
 class _Side:
     """Emitting side of a shape.
 
-    first     : number of the shape's first triangle, or sphere
-    cdf       : (n + 1,) cumulative probability of its primitives: by area, or by power if a texture modulates the
-                emission
+    shape     : index of the shape
+    spheres   : True if the primitives of the shape are spheres, False if they are triangles
+    first     : index of the shape's first triangle or sphere in the scene
+    cdf       : (n + 1,) cumulative probability of the shape's n primitives: by area, or mostly by power if a
+                texture modulates the emission
     area      : area of all primitives, scene units squared
     sign      : +1 front, -1 back
     radiance  : (3,) mean radiance over the side
@@ -57,11 +60,11 @@ class _Side:
 class Lighting:
     """Lights of a scene as one table for selection. `Lighting.of` creates it.
 
-    cdf              : (L + 1,) cumulative probability of the lights: emitting sides, punctual lights, the sky; (1,)
-                       for a scene without light
-    triangle_density : (T,) density per area of a light sample on the triangle (on each side, if both emit); 0 if it
-                       does not emit
-    centre, radius   : sphere about the scene, towards which the power of lights is measured
+    cdf              : (L + 1,) cumulative probability of the L lights, in the order emitting sides, punctual
+                       lights, sky; (1,) for a scene without light
+    triangle_density : (T,) density per area of light samples on an emitting side of each triangle; 0 if the
+                       triangle does not emit
+    centre, radius   : sphere about the scene; the power of a light is the part that it sends to this sphere
     """
 
     scene: Scene
@@ -80,22 +83,22 @@ class Lighting:
         punctual : False to leave out point, spot and directional lights, for a caller that handles these one by one
         sky      : False to leave out the sky, if ambient light replaces it
 
-        A shape that emits on both sides counts as two, one per side. Planes emit, but are not sampled, because no
+        A shape that emits on both sides counts as two lights. Planes emit, but are not sampled, because no
         point of an infinite plane has a density by area.
         """
         centre, radius = _sphere_about(scene)
         sides = _emitting_sides(scene)
         shining = tuple(x for x in scene.lights if _shines(x)) if punctual else ()
         shown = scene.sky if sky and scene.sky is not None and scene.sky.mean_integral > 0 else None
-        # Power divided by pi, as the mean of the channels, so that no coloured light is undersampled.
+        # Power divided by pi: unweighted mean of the channels, so that no coloured light is undersampled.
         power = [side.area * side.radiance.mean() for side in sides]
         power += [_power(light, scene, centre, radius) for light in shining]
         power += [] if shown is None else [shown.mean_integral * radius**2]
         weights = np.array(power, np.float64)
         total = weights.sum()
-        # Power towards the whole scene does not predict which light matters in view. An emitter over a wide ground
-        # under the sky may send only a hundredth of the power, but light all that is visible. So each light's
-        # probability is at least half of a uniform one, and at least half of one in proportion to power.
+        # Power towards the whole scene does not predict a light's contribution to the image. For example, a lamp
+        # over a wide ground may send a hundredth of the sky's power, but light all that is visible. So each
+        # probability is the mean of a uniform one and of one proportional to power.
         share = 0.5 * weights / total + 0.5 / len(weights) if len(weights) else weights
         density = np.zeros(len(scene.triangles))
         appearance = Appearance(scene)
@@ -145,21 +148,21 @@ class Lighting:
 
     @property
     def sky_pdf_scale(self) -> float:
-        """Factor from the sum of the channels of the sky's radiance to a sky sample's density per solid angle."""
+        """Ratio of a sky sample's density per solid angle to the sum of the sky radiance's three channels."""
         if self.sky is None:
             return 0.0
         return self.sky_chance / (3 * self.sky.mean_integral)
 
     def sample(self, u: ArrayLike) -> LightSample:
-        """Return the light sample for u (3,), see `samples`."""
+        """Return one light sample for random numbers u (3,) in [0, 1); `samples` describes the use of each."""
         return self.samples(np.asarray(u, np.float64)[None])[0]
 
     def samples(self, u: ArrayLike) -> LightSamples:
-        """Return light samples for u (N, 3) in [0, 1).
+        """Return N light samples for random numbers u (N, 3) in [0, 1).
 
-        u[:, 0] selects the light, u[:, 1:] a point on it or its direction. Within a shape, u[:, 1] selects a
-        primitive by area, and its remainder positions the point. Samples of a quad are thus stratified in two
-        dimensions.
+        u[:, 0] selects the light, and u[:, 1:] selects the point on a shape or the direction of the sky. For a
+        shape, u[:, 1] selects a primitive, and its rescaled remainder helps to position the point. Samples of a
+        quad are thus stratified in two dimensions.
         """
         assert not self.dark, "no light to sample"
         u = np.asarray(u, np.float64)
@@ -175,7 +178,7 @@ class Lighting:
                 samples.put_punctual(which, light, chance, profile_number(self.scene, light))
             else:
                 assert self.sky is not None, "the last light"
-                # Clipped below one, because rounding may exceed it.
+                # The quotient may round to 1 or more, so it is clipped to less than 1.
                 left = np.clip((u[which, 0] - self.cdf[number]) / chance, 0.0, np.nextafter(1.0, 0.0))
                 wi = self.sky.directions(np.column_stack([left, u[which, 1:]]))
                 samples.kind[which] = LIGHT_KINDS.index("sky")
@@ -185,7 +188,10 @@ class Lighting:
         return samples
 
     def sky_density(self, directions: ArrayLike) -> Float64:
-        """Return (N,) density per solid angle of sky samples in unit directions (N, 3), sky selection included."""
+        """Return the density (N,) per solid angle of sky samples in unit directions (N, 3).
+
+        The density includes the probability of selecting the sky.
+        """
         wi = np.asarray(directions, np.float64).reshape(-1, 3)
         return self._sky_density(sky_radiance(self.sky, wi))
 
@@ -197,9 +203,9 @@ class Lighting:
         return bool(self._varies[shape])
 
     def irradiance(self, positions: ArrayLike, normals: ArrayLike) -> Float64:
-        """Return (N, 3) W m^-2, irradiance by all punctual lights at positions (N, 3) with unit normals (N, 3).
+        """Return the unoccluded irradiance (N, 3) by all punctual lights, in W m^-2.
 
-        Occlusion is ignored.
+        positions, normals : (N, 3) each; normals of unit length
         """
         x = np.asarray(positions, np.float64).reshape(-1, 3)
         n = np.asarray(normals, np.float64).reshape(-1, 3)
@@ -236,7 +242,7 @@ class Lighting:
             if self._varies[side.shape]:
                 radiance = self._appearance.sphere_emission(side.shape, unit)
         else:
-            # Area-preserving map: the root selects a line parallel to the edge opposite corner 0.
+            # Area-preserving map: the square root selects a line parallel to the edge opposite corner 0.
             root, v = np.sqrt(s)[:, None], u[:, 1:]
             triangles = self.scene.triangles[side.first + k]
             a, b, c = triangles.swapaxes(0, 1)
@@ -259,9 +265,10 @@ def sky_radiance(sky: Sky | Environment | None, directions: ArrayLike) -> Float6
 
 
 def max_radiance(scene: Scene) -> float:
-    """Return the radiance of bright surfaces: emitters, sky, and white surfaces at the median distance of lights.
+    """Return the maximum radiance among emitters, sky, and white surfaces at a typical distance from lights.
 
-    The quantum of the accumulated sums is derived from it. Sums can hold larger radiances too.
+    For a sky with a small sun, its typical radiance counts instead of its maximum. The accumulation buffers derive
+    their quantum from this value (`glpath.gl.sums`), and their sums can hold larger radiances too.
     """
     values = [0.0, *scene.ambient, *(_max_emission(scene, shape) for shape in scene.shapes)]
     if scene.sky is not None:
@@ -288,7 +295,11 @@ def _fades(light: Light) -> bool:
 
 
 def _typical_distances(scene: Scene, positions: Sequence[Float64]) -> list[float]:
-    """Return for each position the median distance to planes, and to boxes of primitives not around it."""
+    """Return the median distance from each position to all planes and to the bounding boxes of all primitives.
+
+    Planes through the position and boxes around it do not count. If nothing else exists, the distance is the radius
+    of the scene.
+    """
     if not positions:
         return []
     radius = _sphere_about(scene)[1]
@@ -307,9 +318,10 @@ def _typical_distances(scene: Scene, positions: Sequence[Float64]) -> list[float
 
 
 def _sphere_about(scene: Scene) -> tuple[Float64, float]:
-    """Return centre (3,) and radius of a sphere about the scene.
+    """Return the centre (3,) and the radius of a sphere about the scene.
 
-    An infinite plane counts as extending to the camera and the lights.
+    A scene with infinite planes counts as extending to the planes' origins, the camera, and all lights with a
+    position.
     """
     points = list(scene.bounds)
     if len(scene.planes):
@@ -324,7 +336,7 @@ def _shines(light: Light) -> bool:
 
 
 def _power(light: Light, scene: Scene, centre: Float64, radius: float) -> float:
-    """Return the power over pi that a punctual light sends to the sphere about the scene, mean of the channels."""
+    """Return the power, divided by pi, that a punctual light sends to the scene's sphere; mean of the channels."""
     check_time()
     strength = float(light.intensity.mean())
     if light.profile is not None and light.falloff == "none":

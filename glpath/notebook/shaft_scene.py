@@ -27,13 +27,14 @@ Int32 = NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Candidates:
-    """Candidates of the shaft between two shapes.
+    """Candidate occluders in the shaft between two shapes.
 
     shaft    : shaft between the boxes of the two shapes
-    nodes    : (n,) int32 nodes of the candidate list: leaves (single polygons), and inner nodes that the strategy
-               left unopened (closed boxes)
+    nodes    : (n,) int32, BVH nodes of the candidate list: leaves (single polygons), and inner nodes that the
+               strategy left unopened (closed boxes)
     boxes    : (b, 6) bounds of the closed boxes
-    polygons : (p,) int32 polygons on the list, single or in closed boxes, without those of the two shapes
+    polygons : (p,) int32, indices of the polygons on the list, single or in closed boxes, without those of the two
+               shapes
     others   : number of polygons in the scene, without those of the two shapes
     """
 
@@ -46,9 +47,9 @@ class Candidates:
 
 @dataclass(frozen=True)
 class ShaftScene:
-    """Polygons of a scene and their BVH, for forming shafts.
+    """Polygons of a scene and their BVH, for finding the candidate occluders of shafts.
 
-    Raises UsageError for a scene without triangles: spheres and planes are not polygons.
+    Raises UsageError for a scene without triangles, because spheres and planes are not polygons.
     """
 
     scene: Scene
@@ -70,7 +71,7 @@ class ShaftScene:
         return [self.scene.shapes[i].name for i in np.unique(self.occluders.shape)]
 
     def outlines(self) -> list[Float64]:
-        """Return the corners (3 or 4, 3) of every polygon."""
+        """Return the corners of every polygon, each (3, 3) or (4, 3)."""
         return [
             np.array([a, b, b + c - a, c] if four else [a, b, c])
             for (a, b, c), four in zip(self.occluders.corners, self.occluders.parallelogram, strict=True)
@@ -95,7 +96,10 @@ class ShaftScene:
     def between(
         self, emitter: str, receiver: str, strategy: Strategy = Strategy.RATIO_OPEN, ratio: float = 0.4
     ) -> Candidates:
-        """Return the candidates between two shapes, given by name."""
+        """Return the candidate occluders between two shapes, which are given by name.
+
+        strategy, ratio : treatment of boxes that are not outside the shaft, see `Strategy`
+        """
         shaft = Shaft.between(self.box_of(emitter), self.box_of(receiver))
         nodes = candidate_list(self.tree, shaft, strategy, ratio=ratio)
         closed = nodes[self.tree.count[nodes] == 0]
@@ -108,13 +112,16 @@ class ShaftScene:
     def draw(
         self, emitter: str, receiver: str, strategy: Strategy = Strategy.RATIO_OPEN, ratio: float = 0.4
     ) -> Figure:
-        """Return a matplotlib figure, from above and in 3D: the shaft blue, candidates purple, the rest grey."""
+        """Return a matplotlib figure of the shaft between two shapes, from above and in 3D.
+
+        The shaft is blue, candidates are purple, the emitter is orange, the receiver green, and the rest grey.
+        """
         require_matplotlib()
         from matplotlib.figure import Figure
 
         found = self.between(emitter, receiver, strategy, ratio)
         up = int(np.abs(self.scene.camera.up).argmax())
-        # Right-handed axes, with the scene's up last.
+        # Order of the figure's axes: right-handed, with the scene's up axis last.
         axes = [(up + 1) % 3, (up + 2) % 3, up]
         figure = Figure(figsize=(11, 4.6), layout="constrained")
         above = figure.add_subplot(1, 2, 1)

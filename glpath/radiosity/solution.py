@@ -49,25 +49,25 @@ _PARTS: dict[Part, tuple[int, ...]] = {"both": (DIRECT, INDIRECT), "direct": (DI
 @checked
 @dataclass(frozen=True, eq=False, repr=False)
 class RadiositySolution:
-    """Irradiance of a scene's surfaces, in elements.
+    """Irradiance on the elements of a scene's surfaces.
 
-    Each edge of triangle t has n = divisions[t] equal parts. Its n * n elements start at the sum of n * n over
-    earlier triangles. It has (n + 1)(n + 2) / 2 vertices; `glpath.radiosity.mesh.lattice` defines the order of
-    both.
+    Each edge of triangle t is divided into n = divisions[t] equal parts. The triangle then has n * n elements and
+    (n + 1)(n + 2) / 2 vertices. Both are stored triangle by triangle, in the order that
+    `glpath.radiosity.mesh.lattice` defines.
 
-    scene_hash : `Scene.digest(camera=False)` of the scene in triangles (`path_traceable`)
+    scene_hash : `Scene.digest(camera=False)` of the scene that `path_traceable` has converted to triangles
     divisions  : (T,) int32, n of each triangle
     elements   : (2, 2, E, 3) float32, irradiance H, W m^-2 (lx in a photometric scene), mean over each element,
                  linear Rec. 709. First axis: [DIRECT] straight from a lamp, [INDIRECT] after at least one
-                 reflection; second axis: [0] front, [1] back. 0 if a side neither reflects nor emits. An element
-                 that a solid covers has the mean of its neighbours
+                 reflection; second axis: [0] front, [1] back. The irradiance of a side that neither reflects nor
+                 emits is 0. An element that a solid covers has the mean of its neighbours
     vertices   : (2, 2, V, 3) float32, irradiance at the vertices, for interpolation; equal where triangles of one
                  surface meet, so that no seams appear
     method     : name of the solution method
     settings   : all other settings that affect the result, as JSON values
     statistics : cost of the solution, such as time, as JSON values
-    leaf_size  : (E,) uint16, edge length of the solver's element that contains each element, in elements; above 1
-                 if the lattice is finer than the solved mesh. By default 1 everywhere
+    leaf_size  : (E,) uint16, edge length of the solver's element that contains each element, counted in elements;
+                 above 1 if the lattice is finer than the mesh of the solver. The default is 1 everywhere
     """
 
     scene_hash: str
@@ -143,10 +143,11 @@ class RadiositySolution:
         """Return the irradiance (N, 3) at points of triangles, float64, W m^-2.
 
         triangle    : (N,) indices of the scene's triangles
-        barycentric : (N, 2), b1 and b2 of c0 + b1 (c1 - c0) + b2 (c2 - c0)
+        barycentric : (N, 2), weights b1, b2 of the point c0 + b1 (c1 - c0) + b2 (c2 - c0), with corners c0, c1, c2
         back        : (N,) or a scalar: 0 for the front, 1 for the back
-        mode        : "interpolated" within each element, which keeps its mean; "constant" over each element; or
-                      "smooth" between the vertices, without steps, for display: light leaks around edges
+        mode        : "interpolated", linear within each element, which keeps its mean; "constant" over each
+                      element; or "smooth", without steps between elements, for display. With "smooth", light leaks
+                      around edges
         light       : "direct", straight from a lamp; "indirect", after one reflection or more; or "both"
 
         Raises UsageError for another mode or light, or a triangle that does not exist.
@@ -187,10 +188,10 @@ class RadiositySolution:
     ) -> Float64:
         """Return the radiosity (N, 3) at points of triangles, float64, W m^-2.
 
-        The radiosity is rho H of direct and indirect light, plus light that a diffuse base transmits from the other
-        side.
+        The radiosity is the reflectance times the irradiance by direct and indirect light, plus light that a
+        diffuse base transmits from the other side.
 
-        scene : scene of this solution, see `check_scene`
+        scene : scene of this solution; only `check_scene` verifies this
 
         Other parameters and errors are those of `irradiance`.
         """
@@ -204,11 +205,12 @@ class RadiositySolution:
         return np.asarray(found)
 
     def reflected(self, scene: Scene) -> Float64:
-        """Return (2, E, 3) float64, the radiosity that the elements' fronts and backs reflect and transmit, W m^-2.
+        """Return the radiosity (2, E, 3) of the elements' fronts and backs, float64, W m^-2, without emission.
 
-        It is rho H of all light, plus light that a diffuse base transmits from the other side.
+        The radiosity is the reflectance times the irradiance by all light, plus light that a diffuse base transmits
+        from the other side.
 
-        scene : scene of this solution, see `check_scene`; it provides the reflectance
+        scene : scene of this solution, which provides the reflectance; only `check_scene` verifies this
         """
         triangles = path_traceable(scene.still())
         count = self.divisions.astype(np.int64) ** 2
@@ -255,8 +257,8 @@ class RadiositySolution:
         """Write the scene as unlit glTF 2.0 (.glb) with radiosity as vertex colours; errors leave no partial file.
 
         scene    : scene of this solution; its camera is written to the file
-        exposure : stops; colours are radiance (emission and reflected radiosity / pi) times 2^exposure, linear Rec.
-                   709, clipped to [0, 1]. The file stores it as `extras.exposure_stops`
+        exposure : exposure in stops, which the file stores as `extras.exposure_stops`. Colours are radiance
+                   (emission plus reflected radiosity / pi) times 2^exposure, linear Rec. 709, clipped to [0, 1]
 
         Sides that neither reflect nor emit are left out. Raises SceneError for another scene, UsageError for
         another suffix, ImageError if the file cannot be written.
@@ -269,11 +271,11 @@ class RadiositySolution:
     def to_vtk(self, scene: Scene) -> VtkMesh:
         """Return the elements as triangles, for ParaView and PyVista: `.save("room.vtp")`, `.to_pyvista()`.
 
-        scene : scene of this solution, see `check_scene`
+        scene : scene of this solution
 
-        Arrays of cells: irradiance in `front` and `back` (E, 3), reflected light in `radiosity_front` and
-        `radiosity_back`. Arrays of points: irradiance in `front` and `back`, for smooth images. Raises SceneError
-        for another scene.
+        Cell arrays: irradiance in `front` and `back` (E, 3), reflected light in `radiosity_front` and
+        `radiosity_back`. Point arrays: irradiance in `front` and `back`, for smooth images. Raises SceneError for
+        another scene.
         """
         self.check_scene(scene)
         corners = path_traceable(scene.still()).triangles
@@ -295,7 +297,7 @@ class RadiositySolution:
     def load(cls, path: str | Path, scene: Scene | None = None) -> RadiositySolution:
         """Read a solution that `save` wrote.
 
-        scene : if given, the scene that it must belong to, see `check_scene`
+        scene : scene to which the solution must belong, see `check_scene`; None for no check
 
         Raises ImageError for a file that is missing, broken or of another kind, SceneError for another scene.
         """

@@ -1,4 +1,4 @@
-"""Render job: scene, integrator, sensor and path sets as plain data, written as JSON, which can be split.
+"""Render job: scene, integrator, sensor and path sets as plain data, which can be split and written as JSON.
 
     job = RenderJob.of("cornell-box", spp=1024)
     parts = job.split(4)                     # on four machines, say, each from its own file
@@ -66,7 +66,7 @@ class SceneSource:
     kind       : "file", "shipped", or "memory" for a scene made in Python, which must be passed to `run`
     name       : path of the file, name of the shipped scene, or name of the scene in memory
     parameters : parameters of a generated shipped scene, or of a glTF file
-    sha256     : `Scene.digest(camera=False)`: geometry, materials and lights
+    sha256     : digest of geometry, materials and lights, `Scene.digest(camera=False)`
     """
 
     kind: Literal["file", "shipped", "memory"]
@@ -76,7 +76,7 @@ class SceneSource:
 
     @classmethod
     def of(cls, scene: AnyScene, loaded: Scene, parameters: Mapping[str, object] | None) -> SceneSource:
-        """Return the source of a loaded scene; `scene` is the argument of `load_scene`."""
+        """Return the source of the scene `loaded`, which `load_scene` has loaded from `scene`."""
         digest = loaded.digest(camera=False)
         if isinstance(scene, str) and scene in shipped_scenes():
             return cls("shipped", scene, digest, dict(parameters or {}))
@@ -86,7 +86,10 @@ class SceneSource:
         return cls("memory", loaded.name, digest)
 
     def load(self, given: Scene | None = None) -> Scene:
-        """Return the scene, read again or `given`. Raises SceneError if its content differs."""
+        """Return the scene `given`; if it is None, load the scene from its source.
+
+        Raises SceneError if the content differs from the digest, and UsageError if a scene in memory is not given.
+        """
         if given is None and self.kind == "memory":
             raise UsageError(
                 f"job: its scene {self.name!r} was made in memory, and a job holds no geometry.",
@@ -112,7 +115,7 @@ class RenderJob:
 
     scene      : source of the scene, and its digest
     integrator : integrator with its options, an instance from `glpath.integrators.by_name`
-    sensor     : start of paths: the camera with its resolution, or points
+    sensor     : sensor on which paths start: the pixels of a camera, or points
     window     : (x, y, width, height) of the rendered pixels in the whole image, y from the top
     path_sets  : (start, stop), half-open range of path sets; a path set is one path per pixel
     strict     : True to raise warnings as errors in each run, see `RunOptions.strict`
@@ -142,9 +145,9 @@ class RenderJob:
         strict: bool = False,
         **options: Unpack[IntegratorKeywords],
     ) -> RenderJob:
-        """Return the job of a call of `glpath.render` with these arguments; arguments of a run are excluded.
+        """Return the job that `glpath.render` would run with these arguments. Options of a run are not accepted.
 
-        sensor : points, instead of the scene's camera
+        sensor : points on which paths start, instead of the scene's camera
         strict : True to raise warnings as errors, now and in each run of the job
 
         {options}
@@ -173,16 +176,19 @@ class RenderJob:
         return self.path_sets[1] - self.path_sets[0]
 
     def seen(self, scene: Scene | None = None) -> Scene:
-        """Return the scene with the job's sensor; parameter and errors are those of `SceneSource.load`."""
+        """Return the scene, loaded if it is not given, with its camera replaced by that of the job's sensor.
+
+        Raises the errors of `SceneSource.load`, and UsageError if the points of a sensor must be supplied.
+        """
         with _needing(self.sensor):
             loaded = self.scene.load(scene)
         return self.sensor.seen(loaded)
 
     def split(self, count: int) -> list[RenderJob]:
-        """Split the path sets into at most `count` jobs, whose films merge into this job's, bit for bit.
+        """Split the path sets into at most `count` jobs, whose films merge into this job's film, bit for bit.
 
-        The parts end at the film's blocks of 8 path sets, because points of a Sobol sequence are stratified within
-        a block. Therefore a job of few path sets has fewer parts. Raises UsageError for a count below 1.
+        The parts end where blocks of 8 path sets end, because points of a Sobol sequence are stratified within a
+        block. Therefore a job of few path sets has fewer parts. Raises UsageError for a count below 1.
         """
         check_count("split", count, 1, MAX_SPP)
         start, stop = self.path_sets
@@ -219,7 +225,7 @@ class RenderJob:
 
     @classmethod
     def from_json(cls, text: str, location: str = "job") -> RenderJob:
-        """Return the job of a text from `to_json`; `location` is its name in errors. Raises UsageError."""
+        """Return the job that `to_json` wrote as `text`; `location` names the text in errors. Raises UsageError."""
         try:
             data: JobFile = decode_json(text, JobFile)
         except (msgspec.DecodeError, RecursionError) as error:
@@ -265,7 +271,7 @@ class RenderJob:
 
 
 class CameraFile(msgspec.Struct, forbid_unknown_fields=True, tag="camera"):
-    """Camera in a job file, as its sensor; lengths in scene units, angles in degrees, times in seconds."""
+    """Camera sensor in a job file, with lengths in scene units, angles in degrees and times in seconds."""
 
     position: tuple[float, float, float]
     target: tuple[float, float, float]
@@ -283,7 +289,7 @@ class CameraFile(msgspec.Struct, forbid_unknown_fields=True, tag="camera"):
 
 
 class PointsFile(msgspec.Struct, forbid_unknown_fields=True, tag="points"):
-    """Points in a job file, as its sensor: only their number and SHA-256. `run` gets the points themselves."""
+    """Sensor of points in a job file: their number and SHA-256 only. `run` gets the points themselves."""
 
     resolution: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]]
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
@@ -321,9 +327,9 @@ def describe(
     sensor: PointSensor | None = None,
     **options: Unpack[IntegratorKeywords],
 ) -> tuple[RenderJob, Scene]:
-    """Return the job of the arguments of `render`, and its loaded scene with the job's camera. Raises GlpathError.
+    """Return the job for these arguments of `render`, and the loaded scene with its camera. Raises GlpathError.
 
-    sensor : points, instead of the scene's camera
+    sensor : points on which paths start, instead of the scene's camera
 
     `glpath.rendering.choice` resolves the integrator "auto".
     """
@@ -359,7 +365,10 @@ def describe(
 
 
 def _needing(sensor: Sensor | None) -> AbstractContextManager[None]:
-    """Return a context in which scenes for a sensor of points load without a camera."""
+    """Return the context in which the scene for a sensor is loaded.
+
+    For points, a missing camera gives no warning, and missing light is replaced by a white sky instead of a studio.
+    """
     return aside("camera", "picture") if isinstance(sensor, PointSensor) else nullcontext()
 
 
@@ -378,7 +387,7 @@ def _sensor_of(data: CameraFile | PointsFile, location: str) -> Sensor:
     return sensor
 
 
-#: Fields of a camera that may be replaced, and their numbers of components.
+#: Number of components of each camera field that may be replaced.
 _CAMERA_NUMBERS = {
     "position": 3,
     "target": 3,
@@ -399,7 +408,9 @@ def with_overrides(
     camera: Mapping[str, Any] | Camera | None,
     location: SourceLocation | None = None,
 ) -> Scene:
-    """Return the scene with fields of its camera replaced; errors name `location`.
+    """Return the scene with its camera, or fields of its camera, replaced.
+
+    location : location of the camera for errors; None for the source of the scene
 
     Raises UsageError, and SceneError for an impossible camera.
     """
@@ -438,7 +449,7 @@ def with_overrides(
 def _looking_at(scene: Scene, name: Any, changes: Mapping[str, Any]) -> Scene:
     """Return the scene with its camera moved so that the named shapes fill the image.
 
-    The camera keeps its direction; a camera with a new position is turned instead.
+    The camera keeps its direction. If `changes` has a position, the camera stays there and is turned instead.
 
     name    : name of shapes, with or without the part before the last slash; * matches any letters
     changes : replaced fields of the camera
@@ -466,7 +477,7 @@ def _looking_at(scene: Scene, name: Any, changes: Mapping[str, Any]) -> Scene:
 
 
 def window_of(resolution: tuple[int, int], crop: tuple[int, int, int, int] | None, name: str = "crop") -> Window:
-    """Return the window of an image: all of it, or the crop. Raises UsageError if the crop is not inside."""
+    """Return the window to render: the whole image or the crop. Raises UsageError for a crop outside the image."""
     width, height = resolution
     if crop is None:
         return 0, 0, width, height

@@ -1,9 +1,10 @@
 """Options for the computation of a film, not for its content: device, stop rule, film to resume, reports.
 
-A `RenderJob` defines the content of a film, `RunOptions` define its computation. They are keyword arguments of
-`render`, `render_frames`, `run`, `irradiance`, `lightmap` and `probes` (`RunKeywords`). The command line converts
-its options to them (`glpath.cli.run_request`), and a cluster's workers receive them. A new run option needs a field
-in both classes here, an option of the command line, and the code that uses it.
+A `RenderJob` defines the content of a film, and `RunOptions` define its computation. Run options are keyword
+arguments of `render`, `render_frames`, `run`, `irradiance`, `lightmap` and `probes` (`RunKeywords`). The command
+line converts its own options to run options (`glpath.cli.run_request`), and a cluster's workers receive them. A new
+run option needs a field in `RunKeywords` and in `RunOptions`, an option of the command line, and the code that uses
+it.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class Workers(Protocol):
     """Interface of workers that render a job instead of this process: `glpath.jobs.cluster.Cluster`."""
 
     def render(self, job: RenderJob, scene: Scene, options: RunOptions) -> Film:
-        """Return the film of the job, whose scene is loaded; `options` have no `cluster`."""
+        """Return the film of the job. `scene` is the job's loaded scene, and `options.cluster` is None."""
 
 
 class RunKeywords(TypedDict, total=False):
@@ -62,27 +63,27 @@ class RunOptions:
     backend, device, require_gpu : see `glpath.gl.context.open_context`
     threads        : maximum number of threads of this process from now on; default: one per core. A software
                      renderer keeps the number of the first render
-    time_limit     : maximum time from the call, seconds, including the time of `film`. Nothing is rendered if the
-                     limit passes more than a second before the first path set; see `TimeLimitError`
+    time_limit     : maximum time from the call, seconds, including the time already spent on `film`. If the first
+                     path set cannot begin within a second after the limit, TimeLimitError is raised
     noise          : end when the relative error of the image, sqrt(mean(e² / (mean² + 0.01))) over pixels and
-                     channels, is below this with 95 % confidence; see `Film.error_bound`. 0.02 is a fair image,
-                     0.005 a clean one. `film.metadata.stop_rule` names the rule that ended the render. With any
-                     rule the film is bit-identical to a render with that `spp`. Poor at rare, bright events, which
-                     the error misses until one is sampled
+                     channels, is below this value with 95 % confidence; see `Film.error_bound`. 0.02 is a fair
+                     image, 0.005 a clean one. `film.metadata.stop_rule` names the rule that ended the render. With
+                     any rule, the film is bit-identical to a render whose `spp` is the same number of path sets.
+                     Poor at rare, bright events, which the error misses until one is sampled
     clean          : end when the denoised image looks clean: its relative error, estimated from two halves that are
-                     denoised separately (`Film.denoised_noise`), is below this. 0.05 looks clean. The film needs
-                     the AOVs "albedo" and "normal", and at least 16 path sets. Excludes `noise`
-    film           : film that this render had begun, to resume from; its path sets are not rendered again. It is
-                     modified and returned
-    on_step        : function called with the film after each step of up to half a second or one path set, such as a
-                     `glpath.jobs.checkpoint.Checkpoint`
+                     denoised separately (`Film.denoised_noise`), is below this value. 0.05 looks clean. The film
+                     needs the AOVs "albedo" and "normal", and at least 16 path sets. Excludes `noise`
+    film           : unfinished film of the same render, to resume from. Its path sets are not rendered again. The
+                     film is modified and returned
+    on_step        : function called with the film after each step, such as a `glpath.jobs.checkpoint.Checkpoint`. A
+                     step takes up to half a second, or is one path set
     timings        : True to time each stage (`film.metadata.statistics["stage_ms"]`), which slows the render
     progress       : True to show the progress, in a notebook as the converging image, otherwise on stderr; or a
                      format: "bar", "lines" or "json"
     on_progress    : function called about twice a second with a `Progress`
     cluster        : `glpath.jobs.cluster.Cluster`, whose workers share the path sets
-    strict         : True to raise StrictError for a `SceneWarning`. It is raised at once before rendering; later
-                     warnings raise it at the end, with the result in the error's `result`
+    strict         : True to raise StrictError for a `SceneWarning`. Before rendering, the error is raised at once.
+                     For later warnings it is raised at the end, with the result in its field `result`
     """
 
     backend: str = "auto"
@@ -132,6 +133,9 @@ class RunOptions:
         return RunOptions(**{name: value for name, value in vars(self).items() if name not in here})
 
     def spp(self, asked: int | None) -> int | None:
-        """Return a job's number of path sets: `asked`, or the maximum if a rule ends the render; None: default."""
+        """Return the number of path sets: `asked`, or the maximum if it is None and a rule ends the render.
+
+        Returns None for the default of the integrator.
+        """
         ends_by_rule = not (self.time_limit is None and self.noise is None and self.clean is None)
         return MAX_SPP if asked is None and ends_by_rule else asked

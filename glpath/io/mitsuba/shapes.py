@@ -30,8 +30,8 @@ _MADE: dict[str, Callable[[], Mesh]] = {
     "disk": meshes.disk,
 }
 _KINDS = dict.fromkeys((*_FILES, *_MADE, "cylinder", "sphere", "instance", "shapegroup"))
-# Shapes whose fronts stay in front under a mirroring transform, because their normals define the front. The same
-# holds for instances and for files with normals. The fronts of other meshes follow the order of the corners.
+# Shapes whose normals define the front, so a mirroring transform does not exchange front and back. Instances and
+# files with normals behave in the same manner. In other meshes, the order of the corners defines the front.
 _OF_NORMALS = ("rectangle", "cube", "disk", "cylinder")
 # Relative difference of a sphere's axes above which it is an ellipsoid.
 _ELLIPSOID = 1e-4
@@ -49,7 +49,10 @@ class _Part:
 
 @dataclass
 class Reader:
-    """Shapes of a scene."""
+    """Reader that converts Mitsuba's shape plugins to `shapes`.
+
+    notes : differences from Mitsuba, as sentences without a full stop
+    """
 
     surfaces: Surfaces
     textures: Textures
@@ -64,7 +67,7 @@ class Reader:
     _names: set[str] = field(default_factory=set)
 
     def add(self, plugin: Plugin) -> None:
-        """Add a shape of the scene. Raises SceneError."""
+        """Read a shape, shape group or instance. Instances become shapes in `finish`. Raises SceneError."""
         check_time()
         if plugin.kind not in _KINDS:
             raise error_of_kind(plugin.element, "a shape", _KINDS, _remedy(plugin.kind))
@@ -95,7 +98,7 @@ class Reader:
         self.shapes.append(Shape(name, geometry, part.material, matrix[None], part.emission))
 
     def _parts(self, plugin: Plugin, name: str) -> list[_Part]:
-        """Return one part for a shape; two parts, each without its back, if its sides have different surfaces."""
+        """Return the parts of a shape: one, or two one-sided parts if its front and back have different BSDFs."""
         surface = next(iter(plugin.nested("bsdf")), None)
         emitter = self._emitter(plugin)
         emission, look = (np.zeros(3), None) if emitter is None else self._light(emitter)
@@ -125,9 +128,9 @@ class Reader:
         return parts
 
     def _placed(self, plugin: Plugin, attribute: str) -> tuple[Mesh | Literal["sphere"], Float64, bool]:
-        """Return the geometry of a shape, its (3, 4) transform to world, and True if its fronts must be exchanged.
+        """Return a shape's geometry, its (3, 4) transform to world, and True if front and back must be exchanged.
 
-        attribute : attribute of the mesh that supplies the colours; empty for none
+        attribute : mesh attribute that supplies the colours; empty if no attribute does
         """
         matrix = plugin.transform("to_world")
         if plugin.kind != "sphere":
@@ -144,7 +147,10 @@ class Reader:
         return "sphere", matrix[:3], False  # a mirroring transform turns the sphere's front inside, as in Mitsuba
 
     def _with_uv(self, mesh: Mesh, material: int) -> Mesh:
-        """Return the mesh, with texture coordinates for all vertices if the material has textures."""
+        """Return the mesh with texture coordinates for all vertices if the material has textures.
+
+        Texture coordinates that only some vertices have are completed for any material.
+        """
         is_textured, has_gaps = bool(self.surfaces.materials[material].slots), has_uv_gaps(mesh)
         if has_gaps and is_textured:
             self.notes["faces without texture coordinates show the first texel of their texture"] = None
@@ -157,12 +163,13 @@ class Reader:
     def _facing(
         self, geometry: Mesh | Literal["sphere"], maps: Float64, reverse: bool, material: int
     ) -> tuple[Mesh | Literal["sphere"], Float64]:
-        """Return geometry for a material, and the affine maps (..., 3, 4) of its instances.
+        """Return the geometry and its transforms to world, with front and back exchanged if `reverse` is True.
 
-        Fronts and backs are exchanged if `reverse` is True.
+        maps     : (..., 3, 4) transforms to world, one for each instance
+        material : index of the material, whose textures need texture coordinates
 
-        The front of a sphere can only be exchanged by a mirroring map. A textured sphere becomes triangles instead,
-        so that the texture is not mirrored.
+        A mirroring map exchanges front and back of a sphere. It would also mirror a texture, so a textured sphere
+        becomes triangles instead.
         """
         if isinstance(geometry, Mesh):
             geometry = self._with_uv(geometry, material)
@@ -218,7 +225,7 @@ class Reader:
         return emitters[0]
 
     def _light(self, emitter: Plugin) -> tuple[Float64, Look | None]:
-        """Return the radiance of an area light, and the image that multiplies it."""
+        """Return the radiance (3,) of an area light, and the image that multiplies it; None if it is uniform."""
         texture = emitter.texture("radiance")
         radiance = emitter.colour("radiance", 1.0, light=True) if texture is None else np.ones(3)
         if "sampling_weight" in emitter:

@@ -1,6 +1,6 @@
 """Reader of Mitsuba's textures: bitmaps, checkerboards and constants, each read once.
 
-Mitsuba's v runs downwards: the first row of an image is at v = 0; in glpath it is at v = 1.
+Mitsuba's v runs downwards, so the first row of an image is at v = 0. In glpath that row is at v = 1.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from glpath.scene.source_location import SourceLocation
 from glpath.system.npz import UnfoldedPictures
 
 _KINDS = ("bitmap", "checkerboard", "rawconstant", "uniform", "srgb")
-# Factor by which the width and height of an image are increased before its colours are changed.
+# Factor by which `baked` enlarges the width and height of an image before it changes the colours.
 _FINER = 5
-# Maximum number of texels of an image that is enlarged in this manner; larger images keep their size.
+# Maximum number of texels of an image that `baked` enlarges; larger images keep their size.
 _MAX_INTERPOLATED = 65536
 FORMATS = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
 # sRGB byte whose reflectance is nearest to 0.5.
@@ -41,10 +41,11 @@ _GREY = 188
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """Image and its texture lookup.
+    """Image with the parameters of its texture lookup.
 
-    image  : (h, w, 3) uint8 or float32, as in `Texture`
-    matrix : (2, 3), as in `TextureSlot`
+    image  : (h, w, 3), row 0 at the top; uint8, where 255 stands for 1, or float32, linear Rec. 709
+    srgb   : True if uint8 values are sRGB; False if they are linear
+    matrix : (2, 3) affine map applied to texture coordinates before the lookup
     """
 
     name: str
@@ -73,14 +74,14 @@ class Look:
         )
 
     def with_image(self, name: str, image: NDArray[np.uint8] | NDArray[np.float32], *, srgb: bool = False) -> Look:
-        """Return another image with the same lookup."""
+        """Return a `Look` of another image that keeps this one's filter, wrap mode and matrix."""
         return Look(name, image, srgb, self.filter, self.wrap, self.matrix)
 
 
 class Textures:
-    """Textures of a scene, added when they are used.
+    """Textures of a scene. Each image is added to `textures` when `slot` is first called for it.
 
-    files : image files that were found elsewhere, and images that are not used
+    files : search for missing image files, which records those found elsewhere
     """
 
     def __init__(self) -> None:
@@ -93,9 +94,10 @@ class Textures:
         self._unfolded = UnfoldedPictures()
 
     def numbers(self, plugin: Plugin) -> Look:
-        """Return the image of a texture of numbers, not colours, like `look`.
+        """Return the image of a texture plugin that supplies numbers, such as roughness, instead of colours.
 
-        Mitsuba exchanges the two values of a checkerboard of numbers (3.9.1, Checkerboard.eval_1).
+        The result differs from `look` only for a checkerboard of numbers, whose two values Mitsuba exchanges
+        (3.9.1, Checkerboard.eval_1).
         """
         look = self.look(plugin)
         if plugin.kind != "checkerboard":
@@ -121,14 +123,14 @@ class Textures:
     def slot(self, look: Look) -> TextureSlot:
         """Return the texture slot of an image; the image is added to the textures once."""
         if id(look) not in self._slots:
-            self._looks[id(look)] = look  # kept, so that no other object gets its id
+            self._looks[id(look)] = look  # kept alive, so that no other object gets its id
             wrap = (look.wrap, look.wrap)
             self.textures.append(Texture(look.name, look.image, filter=look.filter, srgb=look.srgb, wrap=wrap))
             self._slots[id(look)] = TextureSlot(len(self.textures) - 1, 0, look.matrix)
         return self._slots[id(look)]
 
     def _elsewhere(self, plugin: Plugin, name: str) -> Path | None:
-        """Return the file that replaces a missing image; None if there is none."""
+        """Search for a missing image file under other spellings and in subfolders; return None if not found."""
         for folder in (plugin.element.folder, *plugin.element.searched):
             with suppress(UnusableError):
                 return self.files.find(folder, name)
@@ -208,10 +210,7 @@ def _constant(plugin: Plugin) -> Look:
 
 
 def _to_uv(plugin: Plugin) -> Float64:
-    """Return the (2, 3) affine map, for texture coordinates with v upwards, that equals Mitsuba's `to_uv`.
-
-    Mitsuba's v runs downwards.
-    """
+    """Return Mitsuba's `to_uv` as a (2, 3) affine map, converted from its v downwards to v upwards."""
     given = plugin.transform("to_uv")
     scale = np.diag([plugin.number("uscale", 1.0), plugin.number("vscale", 1.0), 1.0])
     scale[:2, 2] = plugin.number("uoffset", 0.0), plugin.number("voffset", 0.0)
@@ -221,10 +220,10 @@ def _to_uv(plugin: Plugin) -> Float64:
 
 
 def baked(look: Look, change: Callable[[Float64], Float64]) -> Look:
-    """Return an image whose linear colours are changed.
+    """Return an image with `change` applied to its linear colours.
 
-    Small images are interpolated first, because Mitsuba changes colours after interpolation. The refinement factor
-    is odd, so texel centres stay texel centres, and interpolation between them is unchanged.
+    Small images are first enlarged by interpolation, because Mitsuba changes colours after interpolation. The
+    factor is odd, so the centre of an original texel stays the centre of a texel and keeps its value.
     """
     linear = look.linear.astype(np.float64)
     if look.filter == "linear" and linear.shape[0] * linear.shape[1] <= _MAX_INTERPOLATED:
@@ -234,7 +233,7 @@ def baked(look: Look, change: Callable[[Float64], Float64]) -> Look:
 
 
 def _interpolated(image: Float64, axis: int, wrap: Wrap) -> Float64:
-    """Return an image with _FINER times as many texels along an axis, linear between the original texels."""
+    """Enlarge an image by the factor _FINER along an axis, with linear interpolation between texel centres."""
     size = image.shape[axis]
     at = (np.arange(_FINER * size) + 0.5) / _FINER - 0.5
     below = np.floor(at).astype(np.intp)
@@ -245,14 +244,15 @@ def _interpolated(image: Float64, axis: int, wrap: Wrap) -> Float64:
 
 
 def bent(look: Look, scale: float, uv_lengths: tuple[float, float]) -> Look:
-    """Return the normal map of an image of heights.
+    """Convert an image of heights to a normal map.
 
-    scale      : height in scene units for which the image value 1 stands
-    uv_lengths : scene units per unit of u and of v
+    scale      : height of the image value 1, scene units
+    uv_lengths : length of one unit of u, and of one unit of v, scene units
     """
     heights = scale * look.grey
     rows, columns = heights.shape
-    # Derivatives along the image's coordinates; the second coordinate points from the last row to the first.
+    # Derivatives of the height by the lookup coordinates: the first grows along each row, the second from the last
+    # row to the first.
     across = 0.5 * columns * (np.roll(heights, -1, axis=1) - np.roll(heights, 1, axis=1))
     upwards = 0.5 * rows * (np.roll(heights, 1, axis=0) - np.roll(heights, -1, axis=0))
     slopes = np.einsum("kij,kl->ijl", np.stack([across, upwards]), look.matrix[:, :2]) / uv_lengths

@@ -34,7 +34,9 @@ LARGEST_FIRST, LAST_OCCLUDER_FIRST = 1, 2
 
 @dataclass(frozen=True)
 class ShaftOptions:
-    """Options of the search for candidates. They change the time, not the result. The defaults are fast for rooms.
+    """Options of the search for candidate occluders. They affect the time, not the result.
+
+    The defaults are fast for rooms.
 
     `python -m benchmarks bench shaft-options` measures the gain of each option.
 
@@ -113,9 +115,9 @@ class ShaftOptions:
 
     @classmethod
     def of_words(cls, words: Sequence[str]) -> ShaftOptions:
-        """Return the options with the values in `words`, each of the form NAME=VALUE, such as "clump=64".
+        """Return the options that `words` define, each of the form NAME=VALUE, such as "clump=64".
 
-        Options without a word keep their defaults, or the values of `PAPER` if the first word is "paper". Raises
+        The other options have their defaults, or the values of `PAPER` if the first word is "paper". Raises
         UsageError for an unknown name or value.
         """
         made = cls()
@@ -173,13 +175,13 @@ PAPER = ShaftOptions(
 
 @dataclass
 class Statistics:
-    """Counts of a step. Rays are segments whose ends face each other.
+    """Counts of one visibility step. A ray is a segment whose ends face each other.
 
-    shafts       : formed shafts
+    shafts       : shafts that were formed
     empty_shafts : shafts without candidates, so that all their rays are unoccluded
     shaft_tests  : tests of boxes against shafts
-    candidates   : candidates on the lists of shafts that rays were cast through
-    lists        : lists of shafts that rays were cast through
+    candidates   : total length of the candidate lists of shafts through which rays were cast
+    lists        : number of those candidate lists that are not empty
     rays         : all rays
     blocked      : blocked rays
     cached       : rays that the last occluder blocked, with one test each
@@ -209,7 +211,7 @@ class Statistics:
         return Statistics(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
 
-# Indices into the counts of the kernels.
+# Index of each statistic in the arrays of counts that the kernels fill.
 SHAFTS, EMPTY, SHAFT_TESTS, CANDIDATES, LISTS = 0, 1, 2, 3, 4
 RAYS, BLOCKED, CACHED, FREE, BOX_TESTS, OBJECT_TESTS = 5, 6, 7, 8, 9, 10
 STATISTICS = len(fields(Statistics))

@@ -1,7 +1,8 @@
 """Compute view factors between faces, row by row on all cores; the computation can be resumed.
 
-Each pair of facets is evaluated once, because by reciprocity its exchange area is the same in both directions. A
-facet's row has only the facets that follow in the order of the BVH. The other half of the matrix is the transpose.
+A facet is a convex part of a face. Each pair of facets is evaluated once, because by reciprocity its exchange area
+is the same in both directions. A facet's row has only the facets that follow in the order of the BVH. The other
+half of the matrix is the transpose.
 """
 
 from __future__ import annotations
@@ -49,14 +50,14 @@ _REPORT_INTERVAL = 0.1
 _SAVE_INTERVAL = 20.0
 #: Maximum fraction of time spent on saving.
 _SAVE_SHARE = 0.05
-#: Peak memory of a factor in bytes: both halves and their sum, each a value and a column index.
+#: Peak memory per factor in bytes: a value and a column index in both halves of the matrix and in their sum.
 _BYTES_PER_FACTOR = 40
 #: Excess of a row's sum over 1 that is allowed without a warning.
 _OVERLAP = 0.01
 #: Size of the matrix in bytes up to which available memory is not checked.
 _ASKED = 8 << 20
-#: Factor on the estimated standard error of a row, due to its visibility points. The estimate is too large, so that
-#: the result is about one and a half true standard errors.
+#: Factor on a row's standard error, as estimated from its visibility points. The estimate is too large, so even
+#: multiplied by this factor it is about one and a half true standard errors.
 _CAUTION = 0.9
 #: Factor on the estimated standard error of a row's back fraction, because rays underestimate this error.
 _OF_BACKS = 2.5
@@ -71,8 +72,8 @@ _FORMAT = 4
 class ViewFactorProgress:
     """Progress of the matrix, passed to `on_progress`.
 
-    stage       : "compiling kernels: ...", "preparing", "rows", "backs"
-    done, total : number of facets whose row is finished, and of all facets
+    stage       : current stage: "compiling kernels: ...", "preparing", "rows" or "backs"
+    done, total : number of facets whose row is finished, and number of all facets
     factors     : number of factors found so far
     bytes       : estimated memory of all factors; 0 until there is an estimate
     """
@@ -92,11 +93,11 @@ Report = Callable[[ViewFactorProgress], None]
 class _Part:
     """Exchange areas found by some tasks, as entries of one half of the matrix.
 
-    tasks : indices of the tasks
+    tasks    : (T,) indices of the tasks
     i, j     : row and column of each entry
     exchange : exchange area A F of each entry, in scene units squared
     error    : standard error of each exchange area
-    counts   : counts of `COUNT_NAMES`
+    counts   : sums over the tasks of the counts that `COUNT_NAMES` names
     """
 
     tasks: Int64
@@ -121,11 +122,12 @@ def view_factors(
 ) -> ViewFactors:
     """Compute the matrix of view factors between the fronts of faces, with all occlusion.
 
-    If shafts prove that two faces are unoccluded, no rays are traced. Distant faces use Gauss points on both, as
-    many as `error` requires, and close faces use the double contour integral. If occluders may exist, visibility is
-    computed exactly from scrambled Sobol points of the smaller face. Their number is doubled until the spread of
-    their results is below the tolerance. Both sides of a face occlude, but only the front sends and receives. Light
-    that arrives at backs is reported as `ViewFactors.backs`, and does not count as sky.
+    If shafts prove that two faces are unoccluded, their factor is integrated without rays. Distant faces use Gauss
+    points on both faces, as many as `error` requires. Close faces use the double contour integral. If occluders may
+    exist, visibility is computed exactly from scrambled Sobol points on the smaller face. The number of points is
+    doubled until the spread of their results is below the tolerance. Both sides of a face occlude, but only the
+    front sends and receives. Light that arrives at backs is reported as `ViewFactors.backs`, and does not count as
+    sky.
 
     Parameters
     ----------
@@ -133,14 +135,15 @@ def view_factors(
                   (vertices, faces), with vertices (V, 3) and at least three vertex indices for each face. Faces are
                   flat, with corners counter-clockwise seen from the front. Row i is face i, also of a mesh file;
                   faces of an OBJ are ordered by material. Faces without an area give rows of zeros and a warning
-    groups      : meaning of a row: "faces", each face; "planar", merged faces in one plane that share edges;
-                  "shapes", the shapes of a scene; or a label for each face
+    groups      : meaning of a row: "faces", a face; "planar", coplanar faces that are connected by edges; "shapes",
+                  a shape of the scene; or a label for each face, where faces of one label form a row
     error       : target error of each row's sum, 0.1 to 1e-7. In closed rooms 99 of 100 rows meet it, most by a
                   large margin; see `ViewFactors.error` and `statistics["rows_beyond_error"]`. The target of a
                   single factor F, from the smaller of two faces, is error sqrt(F). 99 of 100 partly occluded
-                  factors meet it; the worst of thousands is off by 3 times as much. Factors below the square of
-                  `error` may be found as 0
-    enforce     : "reciprocity", "closure", or both: see `ViewFactors.enforced`
+                  factors meet it; the error of the worst of thousands is 3 times the target. Factors below the
+                  square of `error` may be reported as 0
+    enforce     : properties that the result is corrected to have: "reciprocity", "closure", or both, see
+                  `ViewFactors.enforced`
     flip        : True if corners are clockwise seen from the front, as for the inside of a model
     threads     : number of threads; None for one per core
     resume      : checkpoint file for finished rows, written every 20 seconds and on interruption. Another call with
@@ -195,7 +198,7 @@ def view_factors(
 
 
 def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
-    """Warn if rows add up to more than 1, a sign that coinciding faces do not hide each other and count twice."""
+    """Warn if rows add up to more than 1, which coinciding faces cause: none hides the other, so both count."""
     over = found.row_sums - 1
     allowed = np.maximum(max(_OVERLAP, 3 * found.statistics["error"]), 5 * found.error)
     if (too_much := np.flatnonzero(over > allowed)).size:
@@ -209,7 +212,7 @@ def _warn_of_overlaps(found: ViewFactors, source: str) -> None:
 
 
 def _warn_of_backs(found: ViewFactors, source: str) -> None:
-    """Warn if backs are visible, because light that arrives there is in no factor and not in the sky."""
+    """Warn if backs of faces are visible, because light that arrives there is in no factor and not in `sky`."""
     if (seen := np.flatnonzero(found.backs > np.maximum(found.statistics["error"], found.backs_error))).size:
         i = int(seen[np.argmax(found.backs[seen])])
         name = f" ({found.names[i]})" if found.names else ""
@@ -224,7 +227,7 @@ def _warn_of_backs(found: ViewFactors, source: str) -> None:
 
 
 def kernels_of() -> tuple[Any, ...]:
-    """Return the kernels of view factors."""
+    """Return the kernels that `view_factors` calls, so that their compilation can be announced."""
     return (bvh._build, exchange_rows, back_rays)
 
 
@@ -264,7 +267,7 @@ class _Run:
         self.rows_done = min(int(done.sum()) * self.task, total)
         pending = deque(order[~done].tolist())
         self._report("rows", self.rows_done, total, True)
-        # A queue replaces futures, because passing futures around takes as long as some tasks.
+        # Results are passed by a queue instead of futures, whose overhead is as long as some tasks.
         ended: SimpleQueue[_Part | BaseException] = SimpleQueue()
         stop = np.zeros(1, np.int64)
 
@@ -322,7 +325,7 @@ class _Run:
         share = self.rows_done / max(total, 1)
         if share > 0.05:
             self.bytes = round(2 * self._factors() / share * _BYTES_PER_FACTOR)
-            if self.bytes > max(1.1 * self.granted, _ASKED):  # seldom, because checks take longer than some rows
+            if self.bytes > max(1.1 * self.granted, _ASKED):  # check seldom, as it takes longer than some rows
                 present = self._factors() * 20
                 require_memory(
                     self.bytes - present,
@@ -399,7 +402,7 @@ def _whole(ended: _Part | BaseException) -> _Part:
 
 
 def _next(pending: deque[int]) -> int | None:
-    """Return the next task, or None; checking the length first would race with other threads."""
+    """Remove and return the next task; None if none is left. A test of the length would race with other threads."""
     try:
         return pending.popleft()
     except IndexError:
@@ -451,7 +454,7 @@ def _task(
 
 
 def _summed(part: _Part, rows: int) -> _Part:
-    """Sum the exchange areas of facets by row and column; few remain if rows are groups."""
+    """Add up all exchange areas with the same row and column; if rows are groups, few entries remain."""
     keys, which = np.unique(part.i.astype(np.int64) * rows + part.j, return_inverse=True)
     i, j = (keys // rows).astype(np.int32), (keys % rows).astype(np.int32)
     exchange = np.bincount(which, part.exchange, len(keys)).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Faces of the matrix's rows, read from a scene, a mesh, or arrays, and checked before any work begins."""
+"""Read and check the faces for which view factors are computed, from a scene, a mesh, or arrays."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ _LISTED = 3
 class Faces:
     """Flat one-sided polygons, and the row of the matrix that each belongs to.
 
-    vertices : (V, 3) float64, scene units, all different
+    vertices : (V, 3) float64, scene units, without duplicates
     outlines : vertex indices of the corners of each face with an area, counter-clockwise seen from the front
-    rows     : (F,) int64, row of each face; if rows are faces, the index in the given faces
+    rows     : (F,) int64, matrix row of each face; if each face is a row, its index among the given faces
     given    : number of given faces, including faces without an area
     names    : names of the rows; empty if rows are the faces, in their order
     source   : name of the input in error messages
@@ -98,12 +98,12 @@ class Faces:
 
 
 def _sums(group: Int64, values: Float64, count: int) -> Float64:
-    """Return (count, 3), the sums of values (M, 3) by groups (M,)."""
+    """Return the sums (count, 3) of values (M, 3) by group, where `group` (M,) is each value's group."""
     return np.stack([np.bincount(group, column, count) for column in values.T], axis=1)
 
 
 def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) -> Faces:
-    """Convert the argument of `glpath.view_factors` to faces. Raises SceneError and UsageError."""
+    """Convert the arguments of `glpath.view_factors` to faces. Raises SceneError and UsageError."""
     shape_of: Int64 | None = None
     shape_names: list[str] = []
     by_shape = isinstance(groups, str) and groups == "shapes"  # `==` on an array of labels would give an array
@@ -258,7 +258,7 @@ def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces
             f"{source}: faces[{face}]: vertex {at} is {vertices[at].tolist()}; coordinates must be finite numbers.",
             f"{len(bad)} vertices of faces are not." if len(bad) > 1 else "",
         )
-    # Vertices that are equal except for rounding are merged, otherwise neighbours would not be found.
+    # Merge vertices that are equal except for rounding, because neighbouring faces are found by common vertices.
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
     step = max(float((high - low).max()), np.finfo(float).tiny) * 1e-12
     keys = np.round((np.where(used[:, None], vertices, low) - low) / step).astype(np.int64)
@@ -318,10 +318,14 @@ def _without_repeats(outline: Outline) -> Outline:
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """Input of the kernels: facets in the order of a BVH, and occluders.
+    """Facets and occluders, as input for the kernels. Coordinates are relative to the centre of the bounding box.
 
-    row : (n,) int64, row of the matrix of each facet
-    eps : length up to which distances are treated as rounding errors
+    facets    : convex parts of the faces, in the order of the BVH
+    row       : (n,) int64, matrix row of each facet
+    tree      : BVH of the facets
+    occluders : convex polygons that are merged from faces of all rows
+    depth     : depth of the BVH
+    eps       : length up to which distances are treated as rounding errors
     areas, perimeters : (rows,) float64, summed over the facets of each row
     """
 

@@ -51,16 +51,17 @@ class ViewFactors:
     matrix     : (N, N) scipy.sparse CSR array, float64: F[i, j] is the fraction of light leaving the front of i
                  that arrives at the front of j unoccluded
     areas      : (N,) float64, scene units squared; 0 for faces without an area, whose rows are zeros
-    error      : (N,) float64, estimated error of each row's sum, from the standard errors of its factors, assumed
-                 independent. It is statistical, not a proven bound. The tests use random closed rooms with slits,
-                 touching blocks, tiny faces beside large ones, and intersecting sheets. There it is 5 to 9 times
-                 the true error in the median, and one to three rows in a hundred exceed it. An unoccluded row has
-                 the bound of its quadrature, some millionths, and its true error is 10 to 1000 times smaller. In a
-                 closed room `enclosure` is a row's exact error
+    error      : (N,) float64, estimated error of each row's sum, from the standard errors of its factors, which are
+                 assumed to be independent. The estimate is statistical, not a proven bound. The tests use random
+                 closed rooms with slits, touching blocks, tiny faces beside large ones, and intersecting sheets.
+                 There the median estimate is 5 to 9 times the true error, and one to three rows in a hundred have a
+                 larger error than estimated. For an unoccluded row, the estimate is the bound of its
+                 quadrature, some millionths, and the true error is 10 to 1000 times smaller. In a closed room,
+                 `enclosure` is the exact error of a row
     names      : names of the groups; empty if the rows are the faces, in their order
     statistics : cost of the computation and record of enforced properties, as JSON values
-    backs      : (N,) float64, fraction that arrives at backs of faces, estimated by rays; neither in the matrix nor
-                 in the sky. 0 for a model without faults. None stands for zeros
+    backs      : (N,) float64, fraction of each row's light that arrives at backs of faces, estimated by rays. It is
+                 neither in the matrix nor in `sky`, and is 0 for a model without faults. None is replaced by zeros
     backs_error : (N,) float64, cautious error estimate of `backs`; 0 if no back was hit
     centroids, normals : (N, 3) float64, centroid of each row's faces, and unit normal on their front side. NaN if
                  undefined, for example the normal of a closed group, or if an older version wrote the file
@@ -95,19 +96,19 @@ class ViewFactors:
 
     @cached_property
     def row_sums(self) -> Float64:
-        """Fractions (N,) of each row's light that arrive at the fronts of all faces."""
+        """Fraction (N,) of each row's light that arrives at the fronts of all faces."""
         return np.asarray(self.matrix.sum(axis=1), np.float64).ravel()
 
     @property
     def sky(self) -> Float64:
-        """Fractions (N,) of each row's light that reach sky or surroundings: 1 minus the row's sum and `backs`."""
+        """Fraction (N,) of each row's light that reaches sky or surroundings: 1 minus the row's sum and `backs`."""
         return np.asarray(self.enclosure - self.backs)
 
     @property
     def enclosure(self) -> Float64:
-        """Fractions (N,) missing from a row's sum of 1, which are `sky` plus `backs`; 0 for faces without an area.
+        """Difference (N,) between 1 and each row's sum, which is `sky` plus `backs`; 0 for faces without an area.
 
-        In a closed room they are errors.
+        In a closed room, this difference is the error of the row.
         """
         return np.asarray(np.where(self.areas > 0, 1 - self.row_sums, 0.0))
 
@@ -118,22 +119,26 @@ class ViewFactors:
 
     @property
     def reciprocity_error(self) -> float:
-        """Largest row sum of |F_ij - F_ji A_j / A_i| over j; only rounding, because pairs are computed once."""
+        """Maximum over rows i of the sum over j of |F_ij - F_ji A_j / A_i|.
+
+        For a computed matrix it is only rounding, because each pair is computed once.
+        """
         exchange = sparse.diags_array(self.areas) @ self.matrix
         off = np.asarray(abs(exchange - exchange.T).sum(axis=1)).ravel()
         return float((off / self._divisors).max(initial=0.0))
 
     @property
     def _divisors(self) -> Float64:
-        """Areas, with 1 for faces without an area, whose rows are zeros."""
+        """Areas (N,) as divisors: 1 instead of 0 for faces without an area, whose rows are zeros."""
         return np.where(self.areas > 0, self.areas, 1.0)
 
     def enforced(self, *, reciprocity: bool = True, closure: bool = False) -> ViewFactors:
-        """Return factors with A_i F_ij = A_j F_ji, and with rows that add up to 1, except for rounding.
+        """Return corrected factors with A_i F_ij = A_j F_ji (reciprocity), and with row sums of 1 (closure).
 
-        Closure uses least squares. Of all symmetric exchange areas with these sums it finds those with the smallest
-        sum of squared relative changes. None becomes negative. Closure distributes the errors without knowing their
-        origin, so a smaller `error` is better. `statistics` reports both deviations before and after.
+        The requested properties then hold except for rounding. Closure uses least squares: of all symmetric
+        exchange areas A_i F_ij with these sums, it finds those with the smallest sum of squared relative changes.
+        None becomes negative. Closure distributes the errors without knowing their origin, so computing the factors
+        with a smaller `error` is better. `statistics` reports both deviations before and after.
 
         Raises UsageError if a row deviates from 1 by more than its error, because closure is only for closed rooms.
         """
@@ -160,8 +165,8 @@ class ViewFactors:
         ----------
         emissivity   : (N,) or a scalar, 0 to 1, for the wavelengths that the faces emit
         temperature  : (N,) or a scalar, K; NaN for a face without a net flux, such as an insulated wall
-        surroundings : temperature in K of everything outside the faces; None for a closed room. Its rows should add
-                       up to 1 exactly, so call `enforced(closure=True)` first
+        surroundings : temperature in K of everything outside the faces; None for a closed room. The rows of a
+                       closed room should add up to 1 exactly, so call `enforced(closure=True)` first
 
         Raises UsageError for values out of range, and if the rows are not closed but `surroundings` is None.
 
@@ -178,8 +183,8 @@ class ViewFactors:
     def to_pandas(self, what: Literal["rows", "factors"] = "rows") -> Any:
         """Return a `pandas.DataFrame` with a row for each face, or for each factor that is not 0.
 
-        what : "rows" for area, row_sum, sky, backs, error, centroid and normal; "factors" for from, to and factor,
-               with names if the rows have names
+        what : "rows", with the columns area, row_sum, sky, backs, error, centroid and normal; or "factors", with
+               the columns from, to and factor. Rows are named if they have names, and numbered otherwise
 
         Raises GlpathError if pandas is missing, UsageError for another value of `what`.
         """
@@ -247,9 +252,11 @@ class ViewFactors:
         return VtkMesh(given.vertices, given.outlines, on_faces)
 
     def check_closed(self, what: str) -> None:
-        """Raise UsageError if a row's sum differs from 1 by more than `_OPEN` and its error.
+        """Raise UsageError if a row's sum differs from 1 by more than `_OPEN` and by more than the row's error.
 
         Faces without an area do not count.
+
+        what : name of the operation that needs a closed room, for the message
         """
         allowed = np.maximum(_OPEN, self.error)
         if (far := np.flatnonzero(np.abs(self.enclosure) > allowed)).size:
@@ -262,9 +269,10 @@ class ViewFactors:
             )
 
     def save(self, path: str | Path) -> None:
-        """Write a file whose name selects the format; an error leaves no partial file.
+        """Write the view factors to a file, whose name selects the format; an error leaves no partial file.
 
-        Raises ImageError if writing fails, UsageError for another name, and if the format cannot hold the matrix.
+        Raises ImageError if writing fails. Raises UsageError for another name, or if the format cannot hold the
+        matrix.
         If backs are visible, files with factors also contain `backs`, because the missing part of a row would
         otherwise count as sky.
 
@@ -340,13 +348,13 @@ class ViewFactors:
 
 
 def _closed(exchange: Any, areas: Float64) -> Any:
-    """Return symmetric exchange areas whose rows add up to the areas."""
+    """Return symmetric exchange areas with row sums equal to the areas, by least changes of `exchange` (N, N)."""
     for _ in range(_ROUNDS):
         missing = areas - np.asarray(exchange.sum(axis=1)).ravel()
         if np.abs(missing / np.where(areas > 0, areas, 1.0)).max(initial=0.0) < 1e-13:
             break
-        # Least squares with Lagrange multipliers: d_ij = G_ij^2 (l_i + l_j), and each row of d adds up to its
-        # missing sum.
+        # Least squares with Lagrange multipliers l_i: exchange area G_ij changes by d_ij = G_ij^2 (l_i + l_j). Each
+        # row of d adds up to the amount by which the row of G is too small.
         weights = sparse.csr_array(exchange.multiply(exchange))
         sums = np.asarray(weights.sum(axis=1)).ravel()
         empty = sums <= 0
@@ -355,7 +363,8 @@ def _closed(exchange: Any, areas: Float64) -> Any:
         def times(x: Float64, weights: Any = weights, diagonal: Float64 = diagonal) -> Float64:
             return np.asarray(diagonal * x + weights @ x)
 
-        # Scaled to a diagonal of ones; the system is singular but consistent if the faces form two separate sets.
+        # Scale the system to a diagonal of ones. It is singular, but consistent, if light passes only between two
+        # sets of faces, such as two plates.
         root = np.sqrt(diagonal)
         n = len(areas)
         scaled = LinearOperator((n, n), lambda y, times=times, root=root: times(y / root) / root, dtype=np.float64)
