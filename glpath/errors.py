@@ -20,7 +20,7 @@ _PACKAGE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "")
 # Words of 300 letters or more are shortened. File names have at most 255 bytes, and a slash ends a word, so paths
 # are not shortened.
 _LONG_WORD = re.compile(r"[^\s/]{300,}")
-# Number of characters at both ends that a shortened word keeps.
+# Number of characters that a shortened word keeps at each end.
 _ENDS = 40
 _SURROGATE = re.compile("[\ud800-\udfff]")
 # Maximum number of locations that one warning lists.
@@ -49,14 +49,14 @@ class GlpathError(Exception):
 
 
 def _printable(text: str) -> str:
-    """Return `text` with long words shortened, and with lone surrogates escaped, which UTF-8 cannot encode."""
+    """Return `text` with long words shortened and surrogates escaped, because UTF-8 cannot encode surrogates."""
     return shortened(encodable(text))
 
 
 def encodable(text: str) -> str:
-    """Return `text` in a form that can be encoded as UTF-8: each surrogate is replaced by an escape.
+    """Return `text` with each surrogate replaced by an escape, so that UTF-8 can encode the text.
 
-    Python decodes a byte of a file name that is not UTF-8 as a surrogate.
+    Surrogates usually come from file names, because Python decodes each byte that is not valid UTF-8 as one.
     """
 
     def escape(code: int) -> str:
@@ -71,10 +71,11 @@ def shortened(text: str) -> str:
 
 
 def kept_in(exception: str, name: str, use: str) -> str:
-    """Return the last lines of an interruption's message: how to access the unfinished result.
+    """Return the end of an interruption's message, which explains how to access the unfinished result.
 
-    exception, name : class of the exception, and its attribute with the result
-    use             : call that resumes from the result
+    exception : name of the exception's class
+    name      : name of the exception's attribute that has the result
+    use       : call that resumes from the result
     """
     return (
         f".\n  What was done is in the exception's `{name}`, which {use} takes:\n"
@@ -88,7 +89,7 @@ class SceneError(GlpathError):
 
 
 class ContextError(GlpathError):
-    """Error if no OpenGL context is usable, or if a context is used where it must not be."""
+    """Error if no OpenGL context can be created, or if a context is released, forked or out of memory."""
 
 
 class ShaderError(GlpathError):
@@ -104,7 +105,7 @@ class UsageError(GlpathError):
 
 
 class TimeLimitError(GlpathError):
-    """Error if the time limit was over before a result existed."""
+    """Error if the time limit ends before a result exists."""
 
 
 class SceneWarning(UserWarning):
@@ -125,14 +126,14 @@ class WarningScope:
     """Handling of warnings in one call or command.
 
     strict : True to raise warnings as errors
-    late   : warnings about a result, which is saved before they are raised
+    late   : warnings about an existing result; `raise_late` raises them at the end, so that no result is lost
     """
 
     strict: bool = False
     late: list[str] = field(default_factory=list)
 
     def raise_late(self, result: Any = None) -> None:
-        """If strict, raise StrictError for warnings deferred until the result existed; it has `result`."""
+        """Raise StrictError, with `result` attached, if the scope is strict and has late warnings (see `warn`)."""
         if self.strict and self.late:
             first, *others = self.late
             more = f" {len(others)} more warnings came after it." if others else ""
@@ -148,10 +149,10 @@ _scope: ContextVar[WarningScope | None] = ContextVar("warnings", default=None)
 
 @contextmanager
 def warning_scope(strict: bool) -> Iterator[WarningScope]:
-    """Context in which warnings are raised as errors, if `strict`.
+    """Context in which warnings become errors if `strict` is True.
 
-    Then `warn` raises StrictError, or records a late warning for `raise_late`. A nested block that is strict makes
-    the outer block strict, and the outer block gets the late warnings.
+    In a strict context, `warn` raises StrictError, or records a late warning for `raise_late`. A nested strict
+    context makes the outer context strict. Late warnings of a nested context go to the outer context.
     """
     outer = _scope.get()
     if outer is not None:
@@ -171,9 +172,9 @@ def current_warnings() -> WarningScope:
 
 
 def warn(text: str, late: bool = False) -> None:
-    """Warn `SceneWarning` at the line that called glpath, from any depth of calls.
+    """Issue a SceneWarning that points at the user's line that called glpath, however deep the call stack is.
 
-    late : True if the warning is about an existing result, which `strict` must not lose
+    late : True if the warning is about an existing result; a strict scope then keeps the result and raises later
 
     Raises StrictError within a strict `warning_scope`, unless the warning is late or filtered out.
     """
@@ -186,7 +187,8 @@ def warn(text: str, late: bool = False) -> None:
         if is_shown and not late:
             raise StrictError(text, "strict takes this warning for an error.")
         scope.late += [text] * is_shown
-    # A filter may raise the warning as an error. If strict, suppress that, because `late` holds the warning.
+    # A filter of `warnings` may turn the warning into an exception. A strict scope suppresses this exception,
+    # because `late` holds the warning.
     with suppress(SceneWarning) if scope.strict else nullcontext():
         warnings.warn(SceneWarning(text), stacklevel=level)
 
@@ -206,9 +208,10 @@ _waiting: ContextVar[dict[str, dict[str, tuple[str, int]]] | None] = ContextVar(
 
 
 def warn_at(location: str, counts: Mapping[str, int], text: str) -> None:
-    """Warn as `warn`; within `one_warning_per_cause`, give one warning for all locations with the same cause.
+    """Issue the warning `text`; inside `one_warning_per_cause`, merge it with warnings of the same cause.
 
-    counts : numbers by cause, such as "triangles without area were dropped"
+    location : location in the merged warning, such as a file
+    counts   : number of affected items by cause, such as "triangles without area were dropped"
     """
     waiting = _waiting.get()
     if waiting is None:
@@ -230,7 +233,7 @@ def one_warning_per_cause() -> Iterator[None]:
         yield
     finally:
         _waiting.reset(token)
-    texts: dict[str, None] = {}  # a text of several causes is given once
+    texts: dict[str, None] = {}  # an ordered set, because several causes may have the same text
     for cause, found in waiting.items():
         if len(found) == 1:
             texts |= dict.fromkeys(found)
@@ -245,7 +248,7 @@ def one_warning_per_cause() -> Iterator[None]:
 
 
 def _is_ours(file: str) -> bool:
-    """Return True for a file of this package or of the standard library, which calls back into this package."""
+    """Return True for files of this package, and of the standard library, which calls back into the package."""
     if file.startswith(_PACKAGE):
         return True
     return file.startswith(_LIBRARY) and "-packages" not in file

@@ -1,4 +1,4 @@
-"""Folder with the finished shards (ranges of sensors) of a computation, from which another call resumes."""
+"""Checkpoint folder with the finished shards (ranges of sensors) of a computation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from glpath.system.checkpoint import CheckpointFile
 from glpath.system.files import reason_of, remove_parts
 
 _NAME = re.compile(r"([0-9]+)-of-([0-9]+)\.npz")
-# Name of a shard while it is written, see `glpath.system.files.new_file`.
+# Pattern of the temporary name of a shard file that is being written, see `glpath.system.files.new_file`.
 _PART_NAME = re.compile(r"\.([0-9]+-of-[0-9]+)\.[0-9a-f]{8}\.part\.npz")
 
 
@@ -25,13 +25,13 @@ class _ShardFile(CheckpointFile):
 
 
 class KeptShards:
-    """Folder with the finished shards (ranges of sensors) of a computation.
+    """Checkpoint folder with the finished shards (ranges of sensors) of a computation.
 
     work  : identifier of the computation, as in `Shard`; shards of another computation have a different one
-    count : number of shards; if the folder already has shards, the number in their names replaces it
+    count : number of shards; ignored if the folder already has shards, because their names contain the number
 
-    Raises ImageError if the path is not a folder, or if the folder has other files, because it is removed at the
-    end.
+    Raises ImageError if the path is not a folder, or if the names of its shards give different numbers of shards.
+    Other files in the folder raise ImageError, too, because the folder is removed when the computation ends.
     """
 
     def __init__(self, folder: Path, work: str, count: int) -> None:
@@ -60,7 +60,10 @@ class KeptShards:
         self.count = count
 
     def read(self) -> dict[int, DaylightCoefficients]:
-        """Return the finished shards by number. Raises ImageError for shards of another computation."""
+        """Return the coefficients of the finished shards, by shard number.
+
+        Raises ImageError if a shard belongs to another computation.
+        """
         found = {}
         for number, path in self._files.items():
             part = DaylightCoefficients.load(path)
@@ -75,7 +78,8 @@ class KeptShards:
     def keep(self, parts: Mapping[int, DaylightCoefficients], last: bool = False) -> None:
         """Write the finished shards that have no file yet.
 
-        last : True if the work ends here; shards that cannot be written then go to a temporary folder
+        parts : coefficients of the finished shards, by shard number
+        last  : True if the work ends with this call; shards that cannot be written then go to a temporary folder
         """
         for number, part in parts.items():
             if number not in self._files:
@@ -87,7 +91,7 @@ class KeptShards:
 def remove_shards(folder: Path) -> None:
     """Delete the shards in a folder, and the folder if nothing else is in it.
 
-    Raises ImageError if the system refuses.
+    Raises ImageError if the system refuses to delete them.
     """
     try:
         for path in _content(folder):
@@ -100,7 +104,7 @@ def remove_shards(folder: Path) -> None:
 
 
 def _content(folder: Path) -> list[Path]:
-    """Return the paths in a folder, sorted; [] if there is no folder."""
+    """Return the sorted paths of the files in a folder; an empty list if the folder does not exist."""
     with suppress(FileNotFoundError):
         return sorted(folder.iterdir())
     return []

@@ -1,4 +1,4 @@
-"""Range of sensors that belongs to a shard of a computation."""
+"""Shard of a computation, which is a range of its sensors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from glpath.system.arguments import short_repr
 
 @dataclass(frozen=True)
 class Shard:
-    """Consecutive sensors of a computation.
+    """Shard of a computation, which is a range of consecutive sensors.
 
     first : index of the first sensor
     total : number of sensors of the whole computation
@@ -23,7 +23,13 @@ class Shard:
 
 
 def shard_range(shard: object, sensors: int) -> tuple[int, int]:
-    """Return the first sensor of shard (k, n), k from 1, and one past its last. Raises UsageError."""
+    """Return the half-open range (start, stop) of the sensors in a shard.
+
+    shard   : (k, n) for shard k of n, with k from 1 to n
+    sensors : number of sensors of the whole computation
+
+    Raises UsageError for another `shard`, and for more shards than sensors.
+    """
     match shard:
         case (int(k), int(n)) if 1 <= k <= n:
             pass

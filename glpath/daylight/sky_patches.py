@@ -1,8 +1,8 @@
 """Patches of the sky: Tregenza's 145 patches, and Reinhart's subdivisions into 577 and 2,305 patches.
 
-Rows follow each other from the horizon up, and each runs from north over east. The last patch is a cap around the
-zenith. Patch 0 is the ground, the whole lower hemisphere. Radiance's `reinsrc.cal` has the same order with MF:1, 2,
-4, so matrices are compatible.
+Patches are numbered row by row from the horizon up. Each row starts in the north and continues eastwards. The last
+patch is a cap around the zenith. Patch 0 is the ground, which is the whole lower hemisphere. Radiance's
+`reinsrc.cal` numbers patches in the same order for MF:1, 2 and 4, so matrices are compatible.
 
 Source:   Tregenza 1987, Subdivision of the sky hemisphere for luminance measurements; Reinhart & Walkenhorst 2001,
           Validation of dynamic RADIANCE-based daylight simulations for a test office.
@@ -26,7 +26,7 @@ Float64 = NDArray[np.float64]
 _ROWS = (30, 30, 24, 24, 18, 12, 6)
 #: Number of sky patches for each subdivision.
 SUBDIVISIONS = {1: 145, 2: 577, 4: 2305}
-#: Number of ground directions per direction of a sky patch.
+#: Default number of ground directions for each direction of a sky patch; a single direction counts as two.
 _GROUND = 16
 # Generator of an infinite two-dimensional lattice whose first n points are evenly spread for any n (Roberts 2018).
 _LATTICE = (0.7548776662466927, 0.5698402909980532)
@@ -37,9 +37,9 @@ class Directions:
     """Unit directions that sample the patches.
 
     directions : (D, 3) unit vectors; directions of one patch are adjacent
-    patch      : (D,) int, number of the patch of each direction
-    weight     : (D,) solid angle of each direction, steradians
-    samples    : number of directions per sky patch; the ground has 16 times as many by default
+    patch      : (D,) int, index of the patch that each direction samples
+    weight     : (D,) solid angle that each direction represents, steradians
+    samples    : number of directions per sky patch; the number for the ground is different
     """
 
     directions: Float64
@@ -52,7 +52,7 @@ class Directions:
 class SkyPatches:
     """Patches of the ground and the sky.
 
-    subdivision : 1, 2 or 4; see `SUBDIVISIONS`. Raises UsageError for others.
+    subdivision : 1, 2 or 4, a key of `SUBDIVISIONS`; other values raise UsageError
     """
 
     subdivision: int = 1
@@ -68,7 +68,10 @@ class SkyPatches:
 
     @cached_property
     def bounds(self) -> Float64:
-        """Bounds (P, 4) of patches: azimuths from and to, radians, and sines of altitudes from and to."""
+        """Bounds (P, 4) of the patches.
+
+        The columns are lowest and highest azimuth in radians, and lowest and highest sine of altitude.
+        """
         m = self.subdivision
         height = np.pi / 2 / (len(_ROWS) * m + 0.5)
         found = [[0.0, 2 * np.pi, -1.0, 0.0]]
@@ -94,7 +97,7 @@ class SkyPatches:
         return compass.directions(0.5 * (azimuth_from + azimuth_to), np.sin(altitude))
 
     def containing(self, directions: Float64, compass: Compass) -> NDArray[np.intp]:
-        """Return the patch (N,) that contains each unit direction (N, 3) of the scene."""
+        """Return the index (N,) of the patch that contains each unit direction (N, 3) in scene coordinates."""
         east, north, up = (directions @ compass.world_from_sky).T
         rows = len(_ROWS) * self.subdivision
         height = np.pi / 2 / (rows + 0.5)
@@ -109,13 +112,14 @@ class SkyPatches:
     def directions(
         self, compass: Compass, samples: int = 4, seed: int = 0, ground: int | None = None
     ) -> Directions:
-        """Return directions that sample all patches, uniform over each patch.
+        """Return directions that sample all patches, with uniform density within each patch.
 
-        samples : number of directions per patch: 1 (its centre), or an even number, as pairs of mirror images. A
-                  pair integrates a linear function over the patch without error
-        ground  : number of ground directions, even; default: 16 times as many as a patch
+        samples : number of directions per sky patch; 1 gives the patch centre, an even number gives pairs
+        ground  : number of ground directions, even; by default 16 per direction of a sky patch, and at least 32
 
-        Pairs are lattice points, shifted at random in each patch.
+        A pair is a lattice point and its mirror image in the patch centre, in azimuth and sine of altitude. A pair
+        integrates functions that are linear in these coordinates without error. The lattice is shifted at random in
+        each patch.
         """
         below = self._in(compass, np.zeros(1, np.intp), ground or _GROUND * max(samples, 2), seed)
         sky = np.arange(1, len(self))
@@ -136,7 +140,10 @@ class SkyPatches:
         )
 
     def _in(self, compass: Compass, which: NDArray[np.intp], samples: int, seed: int) -> Float64:
-        """Return (len(which) * samples, 3) unit directions in some patches; pairs of mirror images are adjacent."""
+        """Return unit directions (len(which) * samples, 3) in the patches with indices `which`.
+
+        The directions of a patch are adjacent, and so are the two of a mirrored pair.
+        """
         random = np.random.default_rng([seed, samples, len(which)])
         shift = random.random((len(which), 1, 2))
         point = (shift + np.arange(1, samples // 2 + 1)[None, :, None] * np.array(_LATTICE)) % 1.0

@@ -1,4 +1,4 @@
-"""Division of a scene's surfaces into texels: small faces, each a sensor, which show results on the model.
+"""Division of a scene's surfaces into texels, small faces with one sensor each, to show results on the model.
 
 Two triangles that form a parallelogram, such as a wall or roof, become a grid of cells. Other triangles are
 bisected at their longest edge until no edge is longer than a texel. A sensor lies at the centre of its texel, on
@@ -6,7 +6,7 @@ the front of the surface. Backs have no sensors.
 
 Cost:     128 bytes per texel, and the cost of a sensor.
 Poor at:  surfaces whose fronts look inwards; light that changes within a texel.
-Source:   Rivara 1984, bisection of longest edges, which keeps angles from becoming small.
+Source:   Rivara 1984, for bisection of the longest edge, which keeps angles from becoming small.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from glpath.system.arguments import checked, short_repr
 
 Float64 = NDArray[np.float64]
 
-#: Maximum number of texels.
+#: Maximum number of texels that `texels` makes; more raise UsageError.
 MAX_TEXELS = 4_000_000
 
 
@@ -43,8 +43,8 @@ MAX_TEXELS = 4_000_000
 class Texels:
     """N texels: small faces of a scene's surfaces.
 
-    corners     : (N, 4, 3) float64, scene units, counter-clockwise seen from the front; in a triangle, the last two
-                  are equal
+    corners     : (N, 4, 3) float64, scene units, counter-clockwise seen from the front; a triangle repeats its last
+                  corner
     shape       : (N,) int32, index of the shape in the scene
     shape_names : names of all shapes of the scene
     """
@@ -61,7 +61,7 @@ class Texels:
 
     @classmethod
     def joined(cls, parts: Sequence[Texels]) -> Texels:
-        """Return the texels of all parts, which belong to one scene, in order."""
+        """Return the texels of all parts in order. The parts must belong to one scene."""
         corners = np.concatenate([part.corners for part in parts])
         return cls(corners, np.concatenate([part.shape for part in parts]), parts[0].shape_names)
 
@@ -73,7 +73,7 @@ class Texels:
 
     @cached_property
     def normals(self) -> Float64:
-        """Unit normals (N, 3) of the fronts."""
+        """Unit normals (N, 3) on the front side of the texels."""
         across = self._across
         return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
 
@@ -87,9 +87,13 @@ class Texels:
         return np.asarray(np.average(np.asarray(values, np.float64), axis=0, weights=self.areas))
 
     def to_vtk(self, values: Mapping[str, ArrayLike]) -> VtkMesh:
-        """Return a mesh of the texels with values (N,) or (N, k) by name: `.save("city.vtp")`, `.to_pyvista()`.
+        """Return a VTK mesh of the texels with the given values.
 
-        Areas and shape indices of the texels are added. Raises UsageError if an array of values has another length.
+        `.save("city.vtp")` writes the mesh, and `.to_pyvista()` converts it.
+
+        values : arrays (N,) or (N, k) by name; areas and shape indices of the texels are added
+
+        Raises UsageError if an array has another length.
         """
         data: dict[str, Any] = {name: np.asarray(each) for name, each in values.items()}
         about = {"area": self.areas, "shape": self.shape}
@@ -98,12 +102,14 @@ class Texels:
     def to_glb(
         self, path: str | Path, values: ArrayLike, *, quantity: str, unit: str = "", up: ArrayLike = (0.0, 0.0, 1.0)
     ) -> None:
-        """Write the texels in false colours of values (N,) as .glb, with a camera that shows all of them.
+        """Write the texels as a .glb in false colours, with a camera that shows all texels.
 
-        quantity, unit : name and unit of the values, stored in the file because it has no legend
-        up             : (3,) up axis of the scene; glTF's up is y
+        values         : (N,) numbers that the colours show
+        quantity, unit : name and unit of the values, stored in the file because a .glb has no legend
+        up             : (3,) up axis of the scene, near a coordinate axis; it becomes y, the up axis of glTF
 
-        Raises UsageError for another suffix or number of values, ImageError, and GlpathError without matplotlib.
+        Raises UsageError for another suffix or another number of values, ImageError if the file cannot be written,
+        and GlpathError if matplotlib is missing.
         """
         target = Path(path)
         if target.suffix.lower() != ".glb":
@@ -121,7 +127,7 @@ class Texels:
 
     @classmethod
     def read(cls, arrays: Any, count: int) -> Texels:
-        """Read texels from arrays of a file opened with `glpath.system.npz`."""
+        """Read `count` texels from the arrays of a file that `glpath.system.npz` has opened."""
         return cls(
             arrays.read("texel_corners", "f", (count, 4, 3)),
             arrays.read("texel_shape", "i", (count,)).astype(np.int32),
@@ -134,7 +140,10 @@ class Texels:
 
     @cached_property
     def _across(self) -> Float64:
-        """Cross product (N, 3) of the edges at the first corner; its length is the area of the parallelogram."""
+        """Cross product (N, 3) of the two edges at the first corner.
+
+        Its length is the area of a parallelogram, or twice the area of a triangle.
+        """
         a, b, d = self.corners[:, 0], self.corners[:, 1], self.corners[:, 3]
         return np.asarray(np.cross(b - a, d - a))
 
@@ -147,10 +156,10 @@ def texels(scene: AnyScene, size: float, *, shapes: str | Sequence[str] | None =
     ----------
     scene  : any source that `load_scene` accepts
     size   : maximum edge length of a texel, scene units
-    shapes : names of shapes, with * for any letters, such as "roof*"; None: all shapes
+    shapes : names of the shapes to divide, in which * stands for any letters, as in "roof*"; None for all shapes
 
-    Raises UsageError for an invalid size, too many texels, and names that no shape has. Raises SceneError if no
-    triangles are in memory, as with infinite planes and streams.
+    Raises UsageError for an invalid size, too many texels, and names that no shape has. Raises SceneError for
+    infinite planes and streams, and if no triangle with an area is left.
 
     >>> found = texels("cornell-box", 100)
     >>> found.points.shape == found.normals.shape == (len(found), 3)
@@ -171,7 +180,8 @@ def texels(scene: AnyScene, size: float, *, shapes: str | Sequence[str] | None =
     corners, four, shape, areas = corners[areas > 0], four[areas > 0], shape[areas > 0], areas[areas > 0]
     if not len(corners):
         raise SceneError(f"{loaded.source or loaded.name}: has no triangles to be texels.")
-    # A texel's area is at most that of a square or equilateral triangle with sides of that size.
+    # Lower bound of the number of texels. A texel is at most as large as a square, or as an equilateral triangle,
+    # with sides of length `size`.
     fewest = (areas / np.where(four, 1.0, 0.25 * np.sqrt(3.0))).sum() / size**2
     if fewest > MAX_TEXELS:
         raise UsageError(
@@ -185,7 +195,7 @@ def texels(scene: AnyScene, size: float, *, shapes: str | Sequence[str] | None =
 
 
 def _chosen(scene: Scene, shapes: str | Sequence[str] | None) -> NDArray[np.bool_]:
-    """Return (S,) bool, True for the chosen shapes. Raises UsageError if no shape has a given name."""
+    """Return (S,) bool, True for each shape that a name matches. Raises UsageError if a name matches none."""
     names = [each.name for each in scene.shapes]
     if shapes is None:
         return np.ones(len(names), np.bool_)
@@ -202,7 +212,13 @@ def _chosen(scene: Scene, shapes: str | Sequence[str] | None) -> NDArray[np.bool
 
 
 def _grids(corners: Float64, shape: NDArray[np.int32], size: float) -> tuple[Float64, NDArray[np.int32]]:
-    """Return cells (N, 4, 3) of parallelograms (P, 3, 3: a corner and its neighbours), and their shapes."""
+    """Divide parallelograms into grids of cells with edges of at most `size`.
+
+    corners : (P, 3, 3), a corner of each parallelogram, then the two neighbouring corners
+    shape   : (P,) shape index of each parallelogram
+
+    Returns the corners (N, 4, 3) and shape indices (N,) of the cells.
+    """
     lengths = np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2)
     counts = np.maximum(np.ceil(lengths / size - 1e-9), 1).astype(np.int64)
     parent = np.repeat(np.arange(len(corners)), counts.prod(axis=1))
@@ -218,9 +234,10 @@ def _grids(corners: Float64, shape: NDArray[np.int32], size: float) -> tuple[Flo
 
 
 def _halved(triangles: Float64, shape: NDArray[np.int32], size: float) -> tuple[Float64, NDArray[np.int32]]:
-    """Halve triangles (T, 3, 3) until no edge exceeds `size`.
+    """Halve triangles (T, 3, 3) at their longest edge until no edge exceeds `size`.
 
-    Returns pieces (N, 4, 3), whose last corner is repeated, and their shape indices (N,). Raises UsageError.
+    Returns the corners (N, 4, 3) of the pieces, with the last corner repeated, and their shape indices (N,). Raises
+    UsageError for more than MAX_TEXELS pieces.
     """
     done: list[Float64] = []
     of: list[NDArray[np.int32]] = []

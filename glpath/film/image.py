@@ -51,7 +51,7 @@ _MAX_JPEG = 65_535
 _MAX_COMMENT = 65_000
 # Quality of JPEGs, out of 100.
 _JPEG_QUALITY = 95
-# JPEG: pattern of a marker, except restart markers inside a scan; codes of end of image and of start of scan.
+# JPEG: pattern of markers other than restart markers; code of the end of the image; code of the start of a scan.
 _JPEG_MARKER, _END_OF_IMAGE, _START_OF_SCAN = re.compile(rb"\xff([\x02-\xcf\xd8-\xfe])"), b"\xd9", b"\xda"
 # JPEG: maximum number of scans. A scan of a few bytes may cover all pixels, so many scans are slow to decode.
 # libtiff has this limit, too.
@@ -73,7 +73,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 # Primaries and white point (D65) of Rec. 709 for an EXR header: x and y of red, green, blue and white.
 REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
-# Chromaticities x and y that differ by less are equal: other programs round them.
+# Chromaticities (x or y) that differ by less than this count as equal, because other programs round them.
 _SAME_CHROMATICITY = 1e-3
 # Bradford's matrix from XYZ to cone responses.
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
@@ -83,12 +83,12 @@ _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0
 REINHARD_WHITE = 4.0
 
 
-# Log-average luminance that `auto_exposure` aims at: middle grey.
+# Log-average luminance, called middle grey, to which `auto_exposure` brings an image.
 MIDDLE_GREY = 0.18
 
 
 def luminance(radiance: Float64) -> Float64:
-    """Return the relative luminance Y (...) of linear Rec. 709 (..., 3)."""
+    """Return the relative luminance Y (...) of linear Rec. 709 colours (..., 3)."""
     y: Float64 = radiance @ LUMINANCE
     return y
 
@@ -105,7 +105,7 @@ def decode_srgb(encoded: Float64) -> Float64:
 
 
 def decode_levels(levels: NDArray[np.uint8]) -> Float64:
-    """Return 8-bit sRGB as linear values in [0, 1], by a table, bit-identical to `decode_srgb` of levels / 255."""
+    """Return 8-bit sRGB as linear values in [0, 1], from a table; bit-identical to `decode_srgb(levels / 255)`."""
     return _of_levels()[levels]
 
 
@@ -126,8 +126,8 @@ def _aces(radiance: Float64) -> Float64:
     return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
 
 
-# Tone curves by name (`choices.TONEMAP_NAMES`): functions from exposed radiance to linear display values, of which
-# 0 to 1 are shown.
+# Tone curves by name (`choices.TONEMAP_NAMES`). Each maps radiance after exposure to linear display values, which
+# are then clipped to [0, 1].
 TONEMAPS: dict[str, Callable[[Float64], Float64]] = {
     "srgb": lambda radiance: radiance,
     "reinhard": _reinhard,
@@ -159,10 +159,10 @@ def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") 
 def auto_exposure(radiance: ArrayLike) -> float:
     """Return the stops that bring the log-average luminance to middle grey, 0.18 [Reinhard et al. 2002].
 
-    Equations 1 and 2 give the average. Black pixels are ignored, because the surroundings of an object are no
-    reason to brighten it. Other pixels count as at least a thousandth of the median. An image is not darkened
-    further than until its 99th percentile is white, so that a bright image stays bright. The result is rounded to
-    quarters of a stop, so that noise does not change it; it is 0 for a black image.
+    Equations 1 and 2 of the paper give the average. Black pixels are ignored, because black surroundings are no
+    reason to brighten an object. Other pixels count as at least a thousandth of the median. An image is darkened
+    only until its 99th percentile is white, so that a bright image stays bright. The stops are rounded to quarters,
+    so that noise does not change them. They are 0 for a black image.
 
     radiance : (H, W, 3), W sr^-1 m^-2, linear Rec. 709
 
@@ -200,8 +200,8 @@ def encode_png(picture: UInt8, metadata: Mapping[str, str] | None = None) -> byt
 
     metadata : written as text chunks
     """
-    # Pillow is used directly. imageio would first load all of Pillow's formats, a tenth of the time for a small
-    # image.
+    # Pillow is used directly, because imageio first loads all of Pillow's formats. For a small image, loading takes
+    # a tenth of the total time.
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -227,9 +227,9 @@ def write_png(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | No
 def write_jpeg(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | None = None) -> None:
     """Write (H, W, 3) uint8 sRGB, row 0 at the top, as a JPEG. Transparent pixels of (H, W, 4) become white.
 
-    metadata : written as JSON into the comment
+    metadata : written as JSON into the comment, or left out if it is too long for a comment
 
-    Raises ImageError; UsageError if the image is too large for a JPEG.
+    Raises ImageError if the file cannot be written, and UsageError if the image is too large for a JPEG.
     """
     from PIL import Image
 
@@ -266,13 +266,13 @@ def write_exr(
     channels: Mapping[str, NDArray[np.float32]] | None = None,
     alpha: Float64 | None = None,
 ) -> None:
-    """Write (H, W, 3) radiance as float32 channels R, G, B: scan lines, ZIP compression, linear Rec. 709.
+    """Write (H, W, 3) radiance, linear Rec. 709, as float32 channels R, G and B of scan lines with ZIP compression.
 
     metadata        : string attributes of the header
-    window          : data window: (x, y, width, height) of these pixels in the whole image, y from the top
-    full_resolution : display window: (width, height) of the whole image
-    layers          : further images (H, W) or (H, W, 3) by name; `layer_channels` gives their channels
-    channels        : further channels (H, W) by full name, unchanged
+    window          : (x, y, width, height) of these pixels in the whole image, y from the top; the data window
+    full_resolution : (width, height) of the whole image; the display window
+    layers          : further images (H, W) or (H, W, k) by name; `layer_channels` gives the channels of a name
+    channels        : further channels (H, W) by their full names in the file
     alpha           : (H, W) opacity, written as channel A; the colours do not change
 
     Raises ImageError.
@@ -307,10 +307,10 @@ def write_exr(
 def layer_channels(name: str) -> list[str]:
     """Return the full channel names of a layer in an EXR.
 
-    They are NAME.R, .G, .B for colours, .X, .Y, .Z for vectors, depth.Z, and .X for a number. Nuke uses depth.Z,
-    like Z, as its own depth; Blender and Natron show each layer as a pass. Integers are float32 too, as in files of
-    Blender and Cycles. All values up to 2**24 are exact, and readers that support one type of channel accept the
-    file.
+    A layer NAME has the channels NAME.R, .G, .B for colours, .X, .Y, .Z for vectors, .Z for depths, and .X for
+    other numbers. Nuke uses depth.Z, like Z, as its own depth. Blender and Natron show each layer as a pass.
+    Integers are stored as float32, as in files of Blender and Cycles, because some readers support only one type of
+    channel. float32 is exact for integers up to 2**24.
     """
     # A layer that is no AOV, such as "denoised", has colours.
     letters = AOV_KINDS[name].letters if name in AOV_KINDS else "RGB"
@@ -318,21 +318,21 @@ def layer_channels(name: str) -> list[str]:
 
 
 def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return a window in OpenEXR's form: its first and its last pixel."""
+    """Return a window in OpenEXR's form, which is (x, y) of the first pixel and (x, y) of the last pixel."""
     return np.array([x, y], np.int32), np.array([x + width - 1, y + height - 1], np.int32)
 
 
 def read_image(path: str | Path, colours: bool = True) -> Float64:
     """Read an image file that is not a film; `glpath.film.film.read_image` lists the formats and the result.
 
-    colours : True to convert an .exr with other primaries to Rec. 709; False for data that are not colours
-              (normals)
+    colours : True to convert an .exr with other primaries to Rec. 709; False for data that are not colours, such as
+              normals
     """
     return _read(path, colours).astype(np.float64, copy=False)
 
 
 def read_environment(path: str | Path) -> NDArray[np.float32]:
-    """Read an image as `read_image` does, as float32, which needs less memory for an .hdr."""
+    """Read an image file as (H, W, 3) float32. For an .hdr, this needs less memory than `read_image`."""
     with np.errstate(over="ignore"):  # values that float32 cannot hold become infinite
         return _read(path, True).astype(np.float32, copy=False)
 
@@ -351,10 +351,10 @@ def _read(path: str | Path, colours: bool) -> NDArray[Any]:
 
 
 def read_eight_bits(path: str | Path) -> UInt8 | None:
-    """Read the 8-bit pixels of a .png or .jpg: (H, W, 3) or, with alpha, (H, W, 4), row 0 at the top.
+    """Read the 8-bit pixels of a .png or .jpg as (H, W, 3), or (H, W, 4) with alpha, row 0 at the top.
 
-    Returns None for other formats, and for images that have not 8 bits per channel. Raises ImageError as
-    `read_image`.
+    Returns None for other formats, and for images that Pillow opens with more than 8 bits per channel. Raises
+    ImageError if the file cannot be read.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -383,7 +383,7 @@ def read_exr_channels(path: str | Path) -> tuple[dict[str, NDArray[np.float32]],
 
 
 class PictureSize(NamedTuple):
-    """Size of a picture by the header of its file.
+    """Size of a picture, read from the header of its file.
 
     width, height : pixels
     channels      : number of channels
@@ -421,7 +421,7 @@ def _pillow_header(path: Path, suffix: str) -> tuple[int, int, int]:
 
 
 def _check_pillow(path: Path, suffix: str, pixel_bytes: int) -> None:
-    """Raise ValueError if the file is too small for the pixels in its header, or is a JPEG of too many scans."""
+    """Raise ValueError if the file is too small for its pixels, or if it is a JPEG with too many scans."""
     width, height, channels = _pillow_header(path, suffix)
     check_unfolded(width * height * channels, path.stat().st_size, width * height * pixel_bytes)
     if suffix != ".png":
@@ -474,9 +474,11 @@ def _read_exr(path: Path, convert: bool = True) -> Float64:
 
 
 def _rec709_from(chromaticities: Float64) -> Float64:
-    """Return the (3, 3) matrix from RGB with other primaries to linear Rec. 709; their white point maps to D65.
+    """Return the (3, 3) matrix from RGB with other primaries to linear Rec. 709.
 
-    chromaticities : (8,) x and y of red, green, blue and white
+    The matrix maps the white of the other primaries to D65. Raises ValueError if the matrix is not finite.
+
+    chromaticities : (8,) x and y of red, green, blue and white of the other primaries
 
     Sources: SMPTE RP 177-1993 (XYZ from RGB); Lam 1985, the Bradford adaptation, as of ICC.1:2022, annex E.
     """
@@ -496,7 +498,7 @@ def _xyz_from_rgb(chromaticities: Float64) -> Float64:
 
 
 def _exr(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Read all channels of an EXR, (H, W), and its header."""
+    """Return the channels of an EXR by name, each (H, W), and the header."""
     import OpenEXR
 
     (height, width), header = _exr_header(path)
@@ -536,7 +538,7 @@ def _exr_header(path: Path) -> tuple[tuple[int, int], dict[str, Any]]:
 
 
 def _check_exr_entries(data: mmap.mmap) -> None:
-    """Raise ValueError for a header with too many entries, which OpenEXR takes quadratic time to read.
+    """Raise ValueError for a header with too many entries, because OpenEXR needs quadratic time to read them.
 
     An invalid header ends the check, because OpenEXR rejects it.
 
@@ -564,7 +566,10 @@ def _check_exr_entries(data: mmap.mmap) -> None:
 
 @contextmanager
 def _openexr(path: Path, flags: int = os.O_RDONLY) -> Iterator[str]:
-    """Yield a name of `path` in UTF-8, as OpenEXR needs. Lines that OpenEXR prints on errors are suppressed."""
+    """Context that yields a UTF-8 name for `path`, because OpenEXR opens no file by another name.
+
+    Lines that OpenEXR prints on errors are suppressed.
+    """
     with ExitStack() as stack:
         name = str(path)
         if name.encode(errors="surrogateescape") != name.encode(errors="replace"):
@@ -598,7 +603,10 @@ _READERS: dict[str, Callable[[Path], Float64 | NDArray[np.float32]]] = {
 
 
 def _three_channels(image: NDArray[Any]) -> NDArray[Any]:
-    """Return (H, W, 3): grey is repeated in three channels, and alpha is dropped."""
+    """Return the image as (H, W, 3). Grey is repeated in three channels, and alpha is dropped.
+
+    Raises ValueError for an array of another shape, and for pixels that are NaN or infinite.
+    """
     if image.ndim == 2:
         image = image[..., None]
     if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4) or image.size == 0:

@@ -29,16 +29,19 @@ from numpy.typing import NDArray
 
 #: Minimum number of batches for an error estimate.
 MIN_BATCHES = 4
-#: Squared radiance added to all divisors of squared relative errors, so that dark pixels do not dominate; as in
-#: `compare.relative_mse`.
+#: Squared radiance that is added to the divisor of each squared relative error, so that dark pixels do not
+#: dominate. `compare.relative_mse` uses the same value.
 FLOOR = 0.01
 
 
 def error_bound(sums: NDArray[np.float64], counts: NDArray[np.int64], confidence: float) -> float:
-    """Return the upper bound, at `confidence`, of an image's error sqrt(mean of e² / (mean² + 0.01)).
+    """Return the upper bound, at `confidence`, of the relative error of an image.
 
-    sums   : (B, H, W, 3) float64, radiance summed over the path sets of each batch, W sr^-1 m^-2; B of at least
-             MIN_BATCHES
+    The relative error is the root mean square of e / sqrt(L² + FLOOR) over all pixels and channels. L is the mean
+    radiance, and e is its difference from the converged image.
+
+    sums   : (B, H, W, 3) float64, radiance summed over the path sets of each batch, W sr^-1 m^-2; B must be at
+             least MIN_BATCHES
     counts : (B,) number of path sets of each batch
     """
     from scipy.special import fdtri  # late, because the import is slow
@@ -46,7 +49,8 @@ def error_bound(sums: NDArray[np.float64], counts: NDArray[np.int64], confidence
     batches, total = len(counts), int(counts.sum())
     all_sums = sums.sum(axis=0)
     mean = all_sums / total
-    # (B, P), for P values in the image. The factor sqrt(count) gives every row the variance of a single path set.
+    # (B, P) relative deviation of each batch from the mean, for the P values of the image. The factor sqrt(count)
+    # gives every row the variance of a single path set.
     spread = np.empty((batches, mean.size))
     for row, one, count in zip(spread, sums, counts, strict=True):
         others = (all_sums - one) / (total - count)
@@ -67,7 +71,7 @@ def standard_error(sums: NDArray[np.float64], counts: NDArray[np.int64]) -> NDAr
     """Return the (...) standard errors of the means over all path sets, from the differences between batches.
 
     sums   : (B, ...) float64 sums over the path sets of each batch
-    counts : (B,) number of path sets of each batch; 0 for an empty one
+    counts : (B,) number of path sets of each batch; 0 for an empty batch
 
     For eight batches, the standard error itself is accurate to a quarter. It is NaN for fewer than two batches.
     With Sobol points, the true error is usually smaller, because the mean converges faster than these differences.

@@ -1,6 +1,6 @@
-"""Films as .npz files: all sums, exactly, so that a film can be merged and resumed.
+"""Films as .npz files, which hold all sums exactly, so that a film can be merged and resumed.
 
-Files may be damaged or hostile, so the arrays read are checked for consistency.
+Files may be damaged or hostile, so the consistency of their arrays is checked.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _LARGEST_SUM = 1e150
 
 
 class FilmParts(NamedTuple):
-    """Fields of `glpath.film.sums.FilmSums`, in order."""
+    """Fields of a film, in the order of `glpath.film.sums.FilmSums`."""
 
     radiance_sums: NDArray[np.float64]
     batch_counts: NDArray[np.int64]
@@ -48,7 +48,7 @@ class FilmParts(NamedTuple):
 
 
 def write_parts(path: Path, film: FilmParts) -> None:
-    """Write a film. Raises ImageError if that fails. The file appears whole or not at all."""
+    """Write a film to a file, which appears whole or not at all. Raises ImageError if writing fails."""
     used = film.batch_counts > 0
     with whole_file(path) as temporary, temporary.open("wb") as file:
         arrays: dict[str, Any] = {
@@ -66,7 +66,7 @@ def write_parts(path: Path, film: FilmParts) -> None:
 
 
 def read_parts(path: str | Path) -> FilmParts:
-    """Read a film. Raises ImageError, also if its parts contradict each other."""
+    """Read a film. Raises ImageError if the file cannot be read, or if its arrays contradict each other."""
     with open_npz(path, "a film", "A film is what -o NAME.npz writes.") as stored:
         found = int(stored.read("film_format", "iu", ())) if "film_format" in stored else 1
         if found != FORMAT:
@@ -86,7 +86,7 @@ def read_parts(path: str | Path) -> FilmParts:
         if not disjoint(ranges) or not np.array_equal(counts_of(ranges), counts):
             raise ValueError("its ranges of path sets overlap, or are not what its batches count")
         used = counts > 0
-        # A film without path sets counts as one batch, because its readers allocate as much.
+        # A film without path sets counts as one batch, so that the size of its window is limited, too.
         width, height = metadata.window[2:]
         numbers = 3 * max(1, int(used.sum())) + sum(metadata.aov_sums.values())
         check_unfolded(8 * width * height * numbers, os.path.getsize(path))

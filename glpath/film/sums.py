@@ -1,10 +1,10 @@
 """Sums of radiance and of AOVs over path sets, and the number of path sets in each sum.
 
-They are sums, not means, so that resuming a render and merging renders are additions. Sums from a path tracer are
-multiples of one power of two, small enough for float64 to add them without rounding. So path sets 0..64 equal 0..32
-merged with 32..64, bit for bit, in any order.
+A film has sums, not means, so that resuming a render and merging renders are additions. Sums of a path tracer are
+multiples of one power of two, and small enough that float64 adds them without rounding. So path sets 0..64 equal
+0..32 merged with 32..64, bit for bit, in any order.
 
-Sums are kept in separate batches (`glpath.film.batches`), because the error of an image is estimated from
+Radiance is summed in separate batches (`glpath.film.batches`), because the error of an image is estimated from
 differences between batches.
 
 Cost:     24 bytes per pixel and batch: 50 MB for 512 x 512.
@@ -55,12 +55,14 @@ class FilmSums:
         radiance_sum: NDArray[np.floating[Any]],
         aov_sums: Mapping[str, NDArray[Any]] = MappingProxyType({}),
     ) -> None:
-        """Add the sum (H, W, 3) over path sets start..stop (half-open), which must lie in one block (see `blocks`).
+        """Add the sum of radiance (H, W, 3) over path sets start..stop (half-open).
 
-        aov_sums : sums over the same path sets for each of the film's `aov_sums`. If the film counts shapes,
-                   "shapes" (H, W, stop - start) has the index + 1 of the shape that each sample has hit, 0 for none
+        The path sets must lie in one block, see `glpath.film.batches.blocks`.
 
-        Raises UsageError for path sets that are already in the film.
+        aov_sums : sums over the same path sets, for each name in the film's `aov_sums`. A film that counts shapes
+                   also needs "shapes" (H, W, stop - start): index + 1 of the shape that a sample hits, 0 for none
+
+        Raises UsageError if the film already has one of the path sets.
         """
         assert 0 <= start < stop, f"an empty range of path sets, {start}..{stop}"
         assert start // BLOCK == (stop - 1) // BLOCK, f"path sets {start}..{stop} are not of one block"
@@ -90,9 +92,9 @@ class FilmSums:
 
     @property
     def mean(self) -> Float64:
-        """Image (H, W, 3) float64, W sr^-1 m^-2 or cd m^-2, linear Rec. 709, row 0 at the top.
+        """Mean radiance (H, W, 3) float64, W sr^-1 m^-2 or cd m^-2, linear Rec. 709, row 0 at the top.
 
-        Raises UsageError if there is no path set.
+        Raises UsageError if the film has no path sets.
         """
         if not self.path_sets:
             raise UsageError("film: holds no path set, so there is no image.", "Render at least one.")
@@ -100,18 +102,19 @@ class FilmSums:
 
     @property
     def alpha(self) -> Float64 | None:
-        """Fraction (H, W) float64 of a pixel's samples that hit a surface; None for a film with a background.
+        """Fraction (H, W) float64 of a pixel's samples that hit a surface.
 
-        `mean` is premultiplied by this fraction, because samples that hit no surface have no light.
+        None if the film is not transparent, or has no path sets. `mean` is premultiplied by this fraction, because
+        samples that hit no surface have no light.
         """
         if not self.metadata.transparent or not self.path_sets:
             return None
         return np.asarray(self.aov_sums["depth"][..., 1] / self.path_sets)
 
     def aov(self, name: str) -> NDArray[Any]:
-        """Return an AOV of the film, row 0 at the top, antialiased as `mean`; `glpath.film.aovs` describes each.
+        """Return an AOV of the film, row 0 at the top, from the same samples as `mean`.
 
-        Raises UsageError for an AOV that was not rendered, or a film without path sets.
+        `glpath.film.aovs` describes each AOV. Raises UsageError if the film lacks the AOV, or has no path sets.
         """
         if name not in self.metadata.aovs:
             held = ", ".join(self.metadata.aovs) or "none"
@@ -153,12 +156,13 @@ class FilmSums:
 
         kind  : "object" (shapes of the same name are combined) or "material"; the film needs the AOV "object_id" or
                 "material_id"
-        ranks : maximum number of names per pixel; those with the least coverage are left out. The film itself
-                counts all shapes
+        ranks : maximum number of names per pixel; names with less coverage are left out. The film itself counts all
+                shapes
 
-        Raises UsageError as `aov` does, and for another kind.
+        Raises UsageError for another kind, for fewer ranks than one, and if the film lacks the AOV or has no path
+        sets.
 
-        `film.cryptomatte("object").matte("floor")` is (H, W), from 0 to 1.
+        `film.cryptomatte("object").matte("floor")` is the fraction (H, W) of each pixel that "floor" covers.
         """
         if kind not in ("object", "material"):
             raise UsageError(f"cryptomatte: {short_repr(kind)}; allowed are object, material")
@@ -173,10 +177,10 @@ class FilmSums:
         return cryptomatte(kind, self.shape_counts, names, self.path_sets, ranks)
 
     def merge(self, other: FilmSums) -> Self:
-        """Return a film with the path sets of both, which must be different path sets of the same render.
+        """Return a film with the path sets of both films, which must be different path sets of the same render.
 
         Devices may differ. The metadata then names both, and the sum is not bit-identical to that of one device.
-        Raises UsageError that names the differences.
+        Raises UsageError if the renders differ, with the differences, or if both films have the same path set.
         """
         merged = replace(
             self,
@@ -188,7 +192,7 @@ class FilmSums:
         return merged
 
     def include(self, other: FilmSums) -> None:
-        """Add the path sets of another film to this one. Raises the errors of `merge` before adding any."""
+        """Add the path sets of another film to this film. Raises UsageError as `merge`, and then adds nothing."""
         if found := differences(self.metadata, other.metadata):
             words = "; ".join(
                 f"{what} is {theirs} in one film and {ours} in the other" for what, ours, theirs in found
@@ -214,9 +218,9 @@ class FilmSums:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for pickle, without empty batches: a worker's eight path sets fill only one batch."""
+        """Return the state for pickle without empty batches, because eight path sets of a worker fill only one."""
         used = self.batch_counts > 0
-        # Full sums, which may have 400 MB, are not copied.
+        # If no batch is empty, the sums are not copied, because they may take 400 MB.
         sums = self.radiance_sums if used.all() else self.radiance_sums[used]
         # Fields that are derived from others, or belong to this process, are not pickled.
         derived = {each.name: None for each in fields(self) if not each.init}
@@ -232,6 +236,6 @@ class FilmSums:
 
 
 def mean_of(radiance_sums: Float64, batch_counts: NDArray[np.int64]) -> Float64:
-    """Return the (H, W, 3) float64 mean of sums (B, H, W, 3) over batches with given numbers of path sets."""
+    """Return the mean (H, W, 3) float64 over all path sets, from sums (B, H, W, 3) and counts (B,) of batches."""
     mean: Float64 = np.add.reduce(radiance_sums, axis=0) / batch_counts.sum()
     return mean

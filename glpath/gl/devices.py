@@ -1,8 +1,8 @@
-"""Devices for OpenGL that EGL and OSMesa offer, each tried in a separate process.
+"""OpenGL devices that EGL and OSMesa offer, and a test of each device in a separate process.
 
-A process chooses one by the arguments of `get_context`, then by the environment (GLPATH_BACKEND = auto | egl |
-osmesa, GLPATH_DEVICE = index in the list of `glpath devices`). Otherwise hardware precedes software, and software
-precedes OSMesa.
+The arguments of `get_context` select a device, or else the environment variables: GLPATH_BACKEND = auto | egl |
+osmesa, GLPATH_DEVICE = index in the list of `glpath devices`. If neither does, hardware devices of EGL precede
+software devices of EGL, and these precede OSMesa.
 
 Source:   EGL_EXT_device_enumeration, EGL_EXT_device_drm, EGL_MESA_device_software.
 """
@@ -23,11 +23,11 @@ from glpath.gl.osmesa import load_osmesa
 from glpath.system.arguments import short_repr
 
 BACKENDS = ("auto", "egl", "osmesa")
-#: Minimum OpenGL version.
+#: Minimum OpenGL version, where 430 is version 4.3.
 REQUIRED_VERSION = 430
 
-# Sonames, because names without a version number belong to development packages. The package libegl1 alone contains
-# no libGL.so.1 and needs none: libEGL itself offers the GL functions.
+# Sonames, because names without a version number belong to development packages. The package libegl1 contains no
+# libGL.so.1 and needs none, because libEGL itself offers the GL functions.
 EGL_LIBRARY = "libEGL.so.1"
 GL_LIBRARIES = ("libGL.so.1", "libOpenGL.so.0", EGL_LIBRARY)
 
@@ -73,7 +73,11 @@ class DeviceInfo:
 
 
 def chosen(backend: str, device: int | None) -> tuple[str, int | None]:
-    """Return backend and device after consulting the environment; a device number without a backend implies EGL."""
+    """Return the backend and the device index that the arguments or the environment select.
+
+    The index is None if nothing selects a device. A device index without a backend implies EGL. Raises ContextError
+    for an invalid backend or GLPATH_DEVICE.
+    """
     source = "backend"
     if backend == "auto" and device is None:
         backend, source = os.environ.get("GLPATH_BACKEND") or "auto", "GLPATH_BACKEND"
@@ -97,10 +101,11 @@ def chosen(backend: str, device: int | None) -> tuple[str, int | None]:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A device on which no context was created yet.
+    """Device on which no context has been created yet.
 
-    software : True if EGL lists it as a software device; the renderer's name may reveal another one later
-    node     : its device file, /dev/dri/..., if it has one
+    software : True if EGL lists the device as software. False is not certain, because only the renderer's name
+               reveals some software devices
+    node     : device file, /dev/dri/...; empty if the device has none
     """
 
     backend: str
@@ -119,11 +124,11 @@ def library_loads(name: str) -> bool:
 
 
 def egl_candidates() -> list[Candidate]:
-    """Return EGL's devices, hardware and software. Opens no display.
+    """Return the hardware and software devices of EGL, without opening a display.
 
     Raises
     ------
-    ContextError : no libEGL, a libEGL that cannot enumerate devices, or no device
+    ContextError : if libEGL is missing, cannot enumerate devices, or finds no device
     """
     try:
         library = ctypes.CDLL(EGL_LIBRARY)
@@ -158,11 +163,11 @@ def egl_candidates() -> list[Candidate]:
 
 @dataclass(frozen=True)
 class DeviceProbe:
-    """One line of `glpath devices`.
+    """Result of trying a device, shown as one line of `glpath devices`.
 
-    info  : description of the device, None if it cannot render
-    error : reason why it cannot render, empty otherwise
-    auto  : True for the device that `get_context()` takes, with the environment considered
+    info  : description of the device; None if the device cannot render
+    error : reason why the device cannot render; empty if it can
+    auto  : True for the device that `get_context()` takes in the current environment
     """
 
     backend: str
@@ -174,14 +179,16 @@ class DeviceProbe:
 
 
 def list_devices() -> list[DeviceProbe]:
-    """Return every device of the machine, each tried in a separate process, because a broken driver can kill its
-    process.
+    """Try every device of the machine and return the results.
 
-    Cost: one Python start per device, all at the same time. Creates no context in this process.
+    Each device is tried in a separate process, because a broken driver can kill the process. All processes run at
+    the same time. No context is created in this process.
+
+    Cost: one Python start per device.
 
     Raises
     ------
-    ContextError : GLPATH_BACKEND or GLPATH_DEVICE names a missing backend or device; never for a device that fails
+    ContextError : if GLPATH_BACKEND or GLPATH_DEVICE has an invalid value; not for a device that fails
     """
     backend, device = chosen("auto", None)
     probes: list[DeviceProbe] = []

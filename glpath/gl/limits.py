@@ -1,7 +1,7 @@
 """Limits of a device and the values that rendering needs; `glpath doctor` compares them.
 
-All needed values are within the guarantees of OpenGL 4.3, so a device with less has no OpenGL 4.3. A test checks
-the numbers against the actual programs.
+OpenGL 4.3 guarantees all values that `LIMITS` needs, so a device with less does not support OpenGL 4.3. A test
+compares these values with what the shader programs use.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ LIMITS = {
     "GL_MAX_SHADER_STORAGE_BLOCK_SIZE": Limit(0x90DE, 1 << 24, "4 bytes a pixel of a tile, or 8 a primitive"),
     "GL_MAX_COMPUTE_WORK_GROUP_INVOCATIONS": Limit(0x90EB, 256, "a list of large primitives"),
 }
-#: Limits that apply only if texels.glsl reads textures as images.
+#: Further limits if texels.glsl reads textures as images, as it does for llvmpipe.
 IMAGE_LIMITS = {
     "GL_MAX_IMAGE_UNITS": Limit(0x8F38, 14, "textures read as images"),
     "GL_MAX_FRAGMENT_IMAGE_UNIFORMS": Limit(0x90CE, 14, "the same"),
@@ -62,7 +62,7 @@ class Found(NamedTuple):
 
 
 def device_limits(context: Context) -> dict[str, Found]:
-    """Return the device's limits that rendering needs, by their GL names."""
+    """Return each limit that rendering needs, with its value on the device, by GL name."""
     with context:
         get = context.function("glGetIntegerv", ctypes.c_uint, ctypes.POINTER(ctypes.c_int))
         found = {}

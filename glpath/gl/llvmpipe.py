@@ -1,12 +1,13 @@
-"""Rewriting of shaders for Mesa's llvmpipe (22.3): the same values, fetched more cheaply.
+"""Rewriting of shaders for Mesa's llvmpipe (22.3), so that they fetch the same values at a lower cost.
 
-- llvmpipe calls a function of some 180 instructions for a texelFetch, but inlines a third as many for an imageLoad;
-  `shaders/gl/texels.glsl` selects between both.
-- It fetches a uniform lane by lane, with some 30 instructions a component. Fragment shaders do this everywhere.
-  Other shaders do it within a branch or a loop, because the first lane may be idle there. A flat input of a
-  fragment shader costs one or two instructions, and so does a value that a compute shader fetches at its start.
+- For a texelFetch, llvmpipe calls a function of some 180 instructions. For an imageLoad, it inlines a third as
+  many. So textures are read as images (`shaders/gl/texels.glsl`).
+- Fragment shaders fetch a uniform lane by lane, with some 30 instructions a component. A flat input costs one or
+  two instructions, so the vertex shader passes on uniforms as flat inputs.
+- Other shaders fetch a uniform lane by lane only in a branch or loop, because the first lane may be idle there. So
+  compute shaders fetch each uniform once, at their start, for one or two instructions.
 
-The functions here rewrite shaders line by line; `program` calls them if the driver needs this dialect.
+The functions here rewrite shaders line by line; `glpath.gl.program` calls them if `is_spoken` is True.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ TEXELS = ("auto", "image", "fetch")
 FULLSCREEN = "gl/fullscreen.vert"
 
 _IMAGE = "_as_image"
-#: Suffix of a uniform if the shader uses its plain name for a variable with its value. A macro cannot rename the
-#: uniform, because struct fields may have the same name.
+#: Suffix of the name of a rewritten uniform. Its name without the suffix becomes a variable with the same value. A
+#: macro cannot rename the uniform, because struct fields may have the same name.
 _GIVEN = "_given"
 _TEXELS = re.compile(r"^\s*(?:UINT_)?TEXELS\(\w+, (?P<name>\w+)\);")
 _UNIFORM = re.compile(
@@ -36,7 +37,10 @@ _UNIFORM = re.compile(
 
 
 def is_spoken(gl: moderngl.Context) -> bool:
-    """Return True if shaders are rewritten: by the renderer's name, or by GLPATH_TEXELS (for tests)."""
+    """Return True if shaders must be rewritten, because the renderer is llvmpipe or GLPATH_TEXELS is "image".
+
+    GLPATH_TEXELS is for tests; the value "fetch" prevents rewriting. Raises ShaderError for another value.
+    """
     chosen = os.environ.get("GLPATH_TEXELS") or "auto"
     if chosen not in TEXELS:
         raise ShaderError(
@@ -53,18 +57,21 @@ def uniform_name(name: str) -> str:
 
 
 def image_texels(line: str) -> str:
-    """Return a line, after a macro that renames the texels that the line declares, because they become images.
+    """Return a line that declares a texture, preceded by a macro that renames the texture; other lines unchanged.
 
-    A name must not be an image in the fragment shader and a sampler in the vertex shader.
+    The texture becomes an image in this shader. The vertex shader may declare the same texture as a sampler, and a
+    program cannot have both under one name.
     """
     texels = _TEXELS.match(line)
     return f"#define {texels['name']} {texels['name']}{_IMAGE}\n{line}" if texels else line
 
 
 def fetch_at_start(line: str) -> str:
-    """Return a uniform's declaration with a global variable that holds its value, fetched before any branch.
+    """Return a uniform's declaration, followed by a variable that fetches the uniform before any branch.
 
-    max() changes no value. It keeps llvmpipe from fetching the uniform at each use, as it would for a plain copy.
+    Lines without a uniform are returned unchanged, and so are arrays and unsigned types. The variable is a max() of
+    the uniform and a very low number, which changes no value. For a plain copy, llvmpipe would fetch the uniform
+    again at each use.
     """
     uniform = _UNIFORM.match(line)
     if not uniform or uniform["array"] or "u" in uniform["type"]:
@@ -78,10 +85,12 @@ def fetch_at_start(line: str) -> str:
 class HandedOn:
     """Uniforms of a fragment shader that the vertex shader passes on as flat inputs.
 
-    Rewrites the lines of the fragment shader and keeps the uniforms for `vertex`, which rewrites the text of the
-    vertex shader. Arrays are passed on if `defines` contains their size. At most `components` are passed on, the
-    limit for inputs, because the driver does not refuse more, but overruns its stack. The rest stay uniforms. Lines
-    that an #ifdef removes do not count.
+    `fragment` rewrites lines of the fragment shader and records the uniforms. `vertex` then rewrites the vertex
+    shader. Lines that an #ifdef removes are ignored.
+
+    defines    : preprocessor names with values; an array is passed on only if its size is one of these names
+    components : maximum number of components to pass on; further uniforms stay uniforms. It is the device's limit
+                 for inputs, because the driver does not reject more, but overruns its stack
     """
 
     def __init__(self, defines: Mapping[str, object], components: int) -> None:
@@ -96,7 +105,7 @@ class HandedOn:
         if not uniform or (uniform["array"] and uniform["size"] not in self._defines):
             return line
         name, kind = uniform["name"], uniform["type"]
-        # The vertex shader may lack the name of the size, so its value is written.
+        # The size is written as a number, because the vertex shader may not define its name.
         size = int(str(self._defines[uniform["size"]])) if uniform["array"] else 0
         array = f"[{size}]" if size else ""
         # Each array element occupies a location of four components.

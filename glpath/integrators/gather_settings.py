@@ -41,12 +41,13 @@ _OF_PATH_BUFFER = (
     "cosine_roulette",
     "geometry_budget",
 )
-# Options that are not recorded: the film has the solution's digest instead, or they do not affect the image.
+# Options that are not recorded as given. A digest of the solution replaces the first two, `refined` is recorded
+# only if it is True, and the others do not affect the image.
 _NOT_RECORDED = ("radiosity", "radiosity_lookup", "geometry_budget", "or_path", "refined")
 
 
 class Solution(Protocol):
-    """Interface of a `glpath.RadiositySolution`, declared here because importing all of radiosity is slow."""
+    """Interface of `glpath.RadiositySolution`. It is declared here, because importing that class is slow."""
 
     def check_scene(self, scene: Scene) -> None:
         """Raise SceneError if the solution belongs to another scene."""
@@ -54,12 +55,12 @@ class Solution(Protocol):
 
 @dataclass(frozen=True)
 class GatherSettings(SharedDirections, PathSetSettings):
-    """Image gathered from a radiosity solution [PB 4]: light of all bounces at the visible surfaces.
+    """Options of a gather [PB 4], whose paths end with a look-up of a radiosity solution.
 
-    With cast "path-buffer" it is the paper's local pass; its `directions` are a setting for experiments.
+    With cast "path-buffer", the gather is the paper's local pass. Its `directions` are a setting for experiments.
 
-    or_path : take "path" instead if the measured bias is too large, as `auto` does
-    refined : True if the solution has finer elements than by default, because those had too large a bias
+    or_path : True if "path" replaces the gather when its measured bias is too large; set by the integrator "auto"
+    refined : True if the solution has finer elements than by default, because the default ones caused too much bias
     """
 
     integrator = "gather"
@@ -71,7 +72,8 @@ class GatherSettings(SharedDirections, PathSetSettings):
         "directions": 'With cast="path-buffer" all paths of a set share directions, each takes the better of two.',
     }
 
-    # Not options of a gather, because its solution is for the scene itself and has light of all bounces.
+    # A gather does not have these options, because its solution is for the unsimplified scene and has light of all
+    # bounces.
     bounce_lod: ClassVar[None] = None
     ambient: ClassVar[Rgb] = (0.0, 0.0, 0.0)
 
@@ -152,7 +154,10 @@ class GatherSettings(SharedDirections, PathSetSettings):
         return True
 
     def roulette_from(self, mirrored: bool) -> int | None:
-        """Return the vertex where roulette starts for paths without look-up: by mirrors and glass, and in gaps."""
+        """Return the vertex from which on roulette may end a path that has not yet ended with a look-up.
+
+        Such a path went through mirrors or glass, or between surfaces that are close to each other.
+        """
         return ROULETTE_OF_GATHER
 
     def lookup_uniforms(self) -> dict[str, object]:
@@ -160,7 +165,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
         return {"lookup_depth": self.lookup_depth - 1, "lookup_distance": self.lookup_distance}
 
     def recorded(self) -> dict[str, Any]:
-        """Return the options that affect the image; the solution is recorded by its digest, once it exists."""
+        """Return the options that affect the image, without the solution, whose digest is recorded separately."""
         unused = _OF_BVH if self.by_path_buffer else _OF_PATH_BUFFER
         if not self.interleaved:
             unused = (*unused, "interleave")
@@ -179,7 +184,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
 
 
 class GatherKeywords(TypedDict, total=False):
-    """Options of "gather" alone; see `SharedKeywords`."""
+    """Options that only "gather" has, as keyword arguments for type checkers; None means not given."""
 
     lookup_depth: int | None
     cast: Cast | None

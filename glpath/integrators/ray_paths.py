@@ -1,20 +1,23 @@
-"""Integrators "path", and "gather" with cast "bvh": rays of each path, cast by a BVH in the shader.
+"""Engine of "path", and of "gather" with cast "bvh", which casts the rays of each path by a BVH in the shader.
 
 A path set is one path for every pixel, as with the path-buffer, but its paths share only their position in the
-pixels. Each path draws its directions by the cosine of its surface or, with a radiosity solution, by the incident
-light (`path_guide`). There is one sample of each light, and a path selects one of the samples by its contribution.
-If at least twelve lights have a position, a tree of lights selects one for each vertex (`glpath.lights.tree`).
-Rectangular emitters close to surfaces are sampled by solid angle (`glpath.lights.rectangles`), the sky also through
-portals (`glpath.scene.portal`). A gather's path branches at its first vertex, the source of nearly all its error.
-Branches share the eye's ray and the light there, 0.4 of a set's cost. No ray is lost in a crowded cell, and the
-error is noise without streaks. A ray costs the logarithm of the number of triangles, a scan their number.
+pixels. Each path samples its directions by the cosine at the surface or, with a radiosity solution, by the incident
+light (`path_guide`). The lights are divided into parts. A vertex draws a sample of each part, and selects one of
+them by its contribution. If at least twelve lights have a position, a light tree draws a sample of these for each
+vertex (`glpath.lights.tree`). Rectangular emitters close to surfaces are sampled by solid angle
+(`glpath.lights.rectangles`), and the sky can be sampled through portals (`glpath.scene.portal`). A gather's path
+branches at its first vertex, which is the source of nearly all its error. The branches share the eye ray and the
+direct light at this vertex, which are 0.4 of a set's cost.
+
+Unlike with the path-buffer, no ray is lost in a crowded cell, and the error is noise without streaks. The cost of a
+ray grows with the logarithm of the number of triangles, that of a scan with the number itself.
 docs/explanation/accuracy.md has measurements.
 
-A set is one draw: its fragment shader follows a path from the eye to its end (`shaders/path/path_rays.glsl`). On a
-graphics card a compute shader does, with bit-identical results, because some cards shade pixels in few of their
-cores.
+A path set is one draw, whose fragment shader traces a path from the eye to its end (`shaders/path/path_rays.glsl`).
+On a graphics card, a compute shader does this with bit-identical results, because some cards shade pixels in few of
+their cores.
 
-Cost:     the BVH; a ray and a shadow ray per path set and vertex.
+Cost:     the BVH; a ray and a shadow ray for each vertex of a path.
 Poor at:  caustics, which directions seldom find; scenes lit through small openings without portals; geometry that
           does not fit into memory.
 Source:   Kajiya 1986, The rendering equation; Veach 1997 for the weights; Talbot 2005, Importance resampling for
@@ -60,7 +63,7 @@ from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor
 # have correlated errors, so a larger picture has more samples. 1,024 samples of an environment map take the CPU one
 # millisecond.
 _LIGHTS = 128, 1024
-# Number of pixels for each light sample, between these limits.
+# Number of pixels for each light sample, if the number of samples is within `_LIGHTS`.
 _PIXELS_PER_LIGHT = 8
 # Maximum number of parts into which the lights are divided. A vertex evaluates a sample of each part, for 2 % of a
 # set's time, and casts a shadow ray for one of them.
@@ -70,16 +73,18 @@ _PARTS = 8
 _TREE_SAMPLES = 1
 # Minimum number of lights with a position for which a light tree is built.
 _TREE_MIN = 12
-# Maximum number of triangles and punctual lights in a tree: its build takes some 50 microseconds for each of them.
+# Maximum number of triangles and punctual lights in a tree, because building it takes some 50 microseconds for each
+# of them.
 _TREE_MAX = 1 << 16
-_LIGHT_BLOCK = 16  # number of path sets whose light samples are computed at once; divides the sampler's own block
+# Number of path sets whose light samples are computed at once; a divisor of `PathSetSampler._CHUNK`.
+_LIGHT_BLOCK = 16
 # Number of bounces that take their numbers from the sequence; later bounces have independent random numbers.
 _MAX_BOUNCES = 14
-#: Maximum number of vertices of a path that otherwise only roulette ends, a safeguard. With a reflectance of 0.999
-#: everywhere, the light beyond it is 1e-7 of all. In a closed room without absorption, where light transport has no
-#: solution, each path reaches this maximum.
+#: Maximum number of vertices of a path that nothing but roulette ends, as a safeguard. With a reflectance of 0.999
+#: everywhere, longer paths carry only 1e-7 of the light. In a closed room without absorption, light transport has
+#: no solution, and every path reaches this maximum.
 CEILING = 1 << 14
-# Maximum path length, vertices, assumed in the estimated cost by which a draw is divided into areas. Few paths are
+# Maximum number of vertices of a path in the cost estimate by which a draw is divided into areas. Few paths are
 # longer.
 _USUAL_DEPTH = 64
 # Approximate number of boxes and triangles tested by a vertex's ray and shadow ray together in a large scene.
@@ -89,7 +94,8 @@ _TESTS_A_VERTEX = 200
 class RayPathEngine(PathSetEngine):
     """Engine that traces path sets of one window of the image; see `PathSetEngine` for the parameters.
 
-    radiosity : solution for the scene's triangles, which a gather looks up, and which guides paths
+    radiosity : radiosity solution of the scene's triangles, for look-ups, path guiding and the control variate;
+                None if the settings need no solution
     """
 
     own_lens = True
@@ -137,7 +143,7 @@ class RayPathEngine(PathSetEngine):
         self.follow_paths(index, eye)  # traces each path to its end, and adds its light to the sums
 
     def see_silhouettes(self, index: int, sample: NDArray[np.float64], eye: Uniforms) -> None:
-        """Sample the pixels at an emitter's edge; a window's first path set finds these pixels."""
+        """Sample the pixels at emitters' edges. The first path set of a window or sensor finds them beforehand."""
         if self._silhouettes is None:
             return
         with self.stopwatch.stage("emitter silhouettes"):
@@ -178,8 +184,8 @@ class RayPathEngine(PathSetEngine):
         hardware = context_of(gl).info.hardware
         self._bounces = min(max(2, settings.path_length), _MAX_BOUNCES)
         self._branches = settings.branches
-        # Two samplers, because one runs ahead of the other, and a sampler caches the sample values of only a few
-        # path sets.
+        # Two samplers, because the branches' sampler runs ahead, and a sampler caches the sample values of only a
+        # few path sets.
         sampler = PathSetSampler(settings.seed, self._bounces + 1, settings.sampling, lattice=True)
         self._sampler = self._branch_sampler = sampler
         if self._branches > 1:
@@ -191,9 +197,9 @@ class RayPathEngine(PathSetEngine):
         self._parts = len(self._light_edges) - 1
         bvh = self._bvh = self._bvh or RayBvh(gl, scene)
         width, height = self.sensor.resolution
-        # If triangles outnumber pixels, eye rays are faster: on llvmpipe a ray takes as long (0.2 us) as a
-        # triangle's vertices. The size of the whole image decides, so that an image in tiles is bit-identical to
-        # the whole.
+        # On llvmpipe, an eye ray takes as long (0.2 us) as the vertices of a triangle, so eye rays are faster if
+        # triangles outnumber pixels. The size of the whole image decides, so that an image in tiles is
+        # bit-identical to the whole.
         many = not hardware and len(scene.scene.triangles) > width * height
         camera = scene.scene.camera
         wide = camera.projection == "panorama" or camera.aperture_radius > 0
@@ -201,8 +207,9 @@ class RayPathEngine(PathSetEngine):
             self._look_by_rays()
         parts = self._program_parts(bvh)
         self._constant = parts.uniforms
-        # Few paths have more vertices: only those that nothing but roulette ends. On llvmpipe, the draw is not
-        # divided: there is no watchdog, and threads get squares of 64 x 64, so a small draw would use one core.
+        # Few paths are longer than `_USUAL_DEPTH`, only those that nothing but roulette ends. On llvmpipe, the draw
+        # is not divided, because there is no watchdog. A small draw would also use one core, because each thread
+        # gets a square of 64 x 64 pixels.
         vertices = min(settings.path_length, _USUAL_DEPTH)
         tests = self._branches * vertices * _TESTS_A_VERTEX
         self._areas = draw_areas(self._size, tests) if hardware else [(0, 0, *self._size)]
@@ -228,8 +235,8 @@ class RayPathEngine(PathSetEngine):
             **(LANE_DEFINES if self._shares_lanes else {}),
             **self._sums.defines,
         }
-        # Means over many points are measured, too. Light samples shared by the points would correlate all their
-        # errors.
+        # Callers may average many points. If points shared light samples, the errors of all points would be
+        # correlated.
         self._draws: LightDraws | None = None
         independent = isinstance(self.sensor, PointSensor) and self.sensor.independent
         # With a tree there are no rectangles, because the tree has its own probabilities for single triangles.
@@ -272,7 +279,7 @@ class RayPathEngine(PathSetEngine):
         scene, camera = self.scene, self.scene.scene.camera
         # Edges of emitters out of focus or in motion are wide, so a search at a few positions does not find them.
         wide = camera.aperture_radius > 0 or camera.moves or scene.moving
-        # Silhouettes do not support a ground.
+        # `EmitterSilhouettes` does not support a ground.
         if self._points is not None or wide or self._ground is not None or not EmitterSilhouettes.are_in(scene):
             return None
         return EmitterSilhouettes(
@@ -301,14 +308,16 @@ class RayPathEngine(PathSetEngine):
         return PixelDispatch("paths", self.gl, program, textures, frozenset(written))
 
     def _seen_from(self, position: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the visible triangles (see `seen`) for eye rays through a position in the pixels."""
+        """Return the index (h, w) of each pixel's visible triangle for eye rays through `position`; -1 for none."""
         self._look(self._eye_uniforms(position))
         return self.seen()
 
     def statistics(self) -> dict[str, object]:
-        """Return the counts of `PathSetEngine` without `paths_lost`, because no ray is lost in a cell, and:
+        """Return the counts of `PathSetEngine`, with `paths_cut` instead of `paths_lost`.
 
-        paths_cut : number of paths cut at the safeguard length, if any
+        No ray is lost in a cell, because there are no cells.
+
+        paths_cut : number of paths that were cut at `CEILING` vertices; absent if it is 0
         """
         counts = super().statistics()
         cut = counts.pop("paths_lost")
@@ -318,7 +327,7 @@ class RayPathEngine(PathSetEngine):
 
     def _of_set(self, index: int) -> Uniforms:
         seed = self.settings.seed
-        # Branches use consecutive sets of the sequence, so all paths of a pixel are evenly distributed.
+        # Branches take consecutive indices of the sequence, so that all branches of a pixel are evenly distributed.
         branches = range(self._branches * index, self._branches * (index + 1))
         each = np.concatenate([self._branch_sampler[i].directions[: self._bounces] for i in branches])
         points, choice = _words(each[:, 0]), _words(self._sampler[index].own_light[3])
@@ -339,11 +348,11 @@ class RayPathEngine(PathSetEngine):
         return {"sequence_point": tuple(map(int, _words(self._sampler[index].own_light[:3])))}
 
     def _light_row(self, index: int) -> int:
-        """Return the row of the light table with the samples of a path set.
+        """Return the row of the light table that has the light samples of a path set.
 
-        Each sample is the sequence's point of the set, shifted by the sample's own numbers.
-
-        Rows are computed for many sets at once, because numpy's overhead exceeds the work for a single set.
+        Each light sample is drawn with the set's sequence point, shifted by numbers that differ between samples.
+        If the table lacks the row, rows of many sets are computed at once, because numpy's overhead exceeds the
+        work for a single set.
         """
         assert self._light_table is not None, "prepared"
         size = self._light_table.height
@@ -390,7 +399,7 @@ class RayPathEngine(PathSetEngine):
 
 
 def _chosen_by_tree(lighting: Lighting) -> bool:
-    """Return True if the lights with a position are so many that a tree is better than sampling some of them."""
+    """Return True if there are enough lights with a position for a light tree, and not too many to build it."""
     punctual = len(positional(lighting))
     pieces = punctual + sum(len(side.cdf) - 1 for side in lighting.sides)
     return len(lighting.sides) + punctual >= _TREE_MIN and pieces <= _TREE_MAX
@@ -401,12 +410,12 @@ def _light_edges(lighting: Lighting) -> NDArray[np.float64]:
 
     A part is one light, or an eighth of the total probability if there are more than eight lights.
 
-    An environment map is two parts: its suns and the rest. Shadow rays would otherwise go to a sun even where only
-    the rest is visible. The squared error is 0.6 of that with one part; more parts gain little.
+    An environment map counts as two lights, its suns and the rest. As one light, shadow rays would go to a sun even
+    where only the rest is visible. The squared error with two is 0.6 of that with one; more gain little.
     """
     edges = lighting.cdf
-    # With portals the environment map is one part: of two samples selected by contribution, the one outside the
-    # portals would win, although it is usually occluded.
+    # With portals, the environment map counts as one light. Of two samples, the one outside the portals would often
+    # be selected by its contribution, although it is usually occluded.
     if isinstance(lighting.sky, Environment) and not by_portals(lighting):
         edges = np.insert(edges, -1, edges[-2] + (edges[-1] - edges[-2]) * lighting.sky.split)
     parts = len(edges) - 1
@@ -414,5 +423,5 @@ def _light_edges(lighting: Lighting) -> NDArray[np.float64]:
 
 
 def _words(u: NDArray[np.float64]) -> NDArray[np.uint32]:
-    """Return numbers in [0, 1) as integer multiples of 2**-32."""
+    """Return numbers in [0, 1) as 32-bit integers, in units of 2**-32."""
     return np.asarray(u * 2.0**32, np.uint64).astype(np.uint32)

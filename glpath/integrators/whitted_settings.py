@@ -26,7 +26,7 @@ Secondary = Literal["classic", "bvh"]
 
 _OF_SHADOW_BUFFERS = ("shadow_resolution", "shadow_test", "shadow_filter")
 
-# Shared by two integrators with different defaults.
+# Option of two integrators, which have different defaults.
 SecondaryRays = Annotated[
     Secondary,
     Meta(
@@ -38,7 +38,7 @@ SecondaryRays = Annotated[
 
 @dataclass(frozen=True)
 class WhittedSettings(IntegratorSettings):
-    """Whitted's ray tracing [TB IV]; `primary` selects the algorithm of primary visibility."""
+    """Options of Whitted's ray tracing [TB IV]; `primary` selects the algorithm of primary visibility."""
 
     default_spp = 16
     noisy = False
@@ -122,7 +122,7 @@ class WhittedSettings(IntegratorSettings):
 
 @dataclass(frozen=True)
 class ClassicSettings(WhittedSettings):
-    """Ray tracing by the classical algorithm: every ray against every object."""
+    """Options of ray tracing by the classical algorithm, which tests every ray against every object."""
 
     integrator = "classic"
     primary = "classic"
@@ -132,7 +132,7 @@ class ClassicSettings(WhittedSettings):
 
 @dataclass(frozen=True)
 class TBufferSettings(WhittedSettings):
-    """Ray tracing with the T-buffer [TB III]: each object is tested only against the rays in its projection."""
+    """Options of the T-buffer [TB III]. Each object is tested only against the rays in its projection."""
 
     integrator = "t-buffer"
     primary = "t-buffer"
@@ -151,7 +151,7 @@ class TBufferSettings(WhittedSettings):
 
 
 class WhittedKeywords(TypedDict, total=False):
-    """Options of "t-buffer" and "classic" alone; see `SharedKeywords`."""
+    """Options that only "t-buffer" and "classic" have, as keyword arguments for type checkers."""
 
     shadows: Shadows | None
     shadow_resolution: int | None

@@ -1,4 +1,4 @@
-"""Assets of a scene file: models placed in the scene, with their own materials or with the scene's."""
+"""Assets of a scene file, which are models with their own materials or with materials of the scene file."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ class _Read:
 
 @dataclass
 class Assets:
-    """Assets of one scene. Each file is read once per animation time, and its copies share meshes.
+    """Assets of one scene. A file is read once for each animation time, and assets of one file share meshes.
 
     folder      : base folder of relative paths
-    number      : index in `materials` of each material of the scene file, by name
+    number      : index in `materials` by name, for the materials of the scene file
     materials   : materials of the scene file, followed by those of the assets
     textures    : textures of the scene file, followed by those of the assets
     shutter     : times at which the camera's shutter opens and closes, seconds, for moving assets
     unit        : unit of light in the scene
-    beside_map  : True if photometric light of a model keeps its numbers, which then are in the unit of the
-                  environment map. An asset with a `unit` in the scene file is converted nevertheless
+    beside_map  : True if photometric numbers of a model are taken as numbers in the unit of the environment map.
+                  Assets with a `unit` in the scene file are converted nevertheless
     photometric : file of the first asset that has photometric light but no `unit` in the scene file; empty if none
     """
 
@@ -66,9 +66,11 @@ class Assets:
     _meshes: dict[tuple[Mesh, bool, bool], Mesh] = field(default_factory=dict)
 
     def add(self, given: Sequence[Asset], location: SourceLocation) -> None:
-        """Add the assets of a scene file's list at `location`.
+        """Add the assets that the scene file lists.
 
-        Raises SceneError. Warns of unused content of each file, once for each kind of content.
+        location : location of the list in the scene file
+
+        Raises SceneError. Warns once of each kind of content that is not used, for each file.
         """
         for index, asset in enumerate(given):
             self._add(asset, location.item(index))
@@ -147,11 +149,11 @@ class Assets:
     def _moving(
         self, shape: Shape, own: Motion | None, world: Float64, moved: Motion | None, began: float
     ) -> Shape:
-        """Return the placed shape with its motion within the model and the asset's motion combined.
+        """Return the placed shape with two motions combined, that of the shape and that of the asset.
 
-        own   : motion of the shape within the model, at times of the model's animation in seconds; None if none
+        own   : motion of the shape within the model, at times of the model's animation; None if it does not move
         world : (4, 4) matrix from model space to the scene, without the asset's motion
-        moved : motion of the asset in the scene; None if it stays
+        moved : motion of the asset in the scene; None if the asset does not move
         began : animation time at scene time 0, in seconds
         """
         if own is None and moved is None:
@@ -172,7 +174,7 @@ class Assets:
         return replace(shape, world_from_object=motion.at(self.shutter[0]), motion=motion)
 
     def _replaced(self, given: Asset, read: _Read, location: SourceLocation) -> dict[int, int]:
-        """Return, for each model material that is replaced, its index and the index of the scene material."""
+        """Return the index of the scene's material by the index of the model's material that it replaces."""
         names = [material.name for material in read.model.materials]
         found: dict[int, int] = {}
         for old, new in given.materials.items():
@@ -189,9 +191,9 @@ class Assets:
         return found
 
     def _placed(self, shape: Shape, world: Float64, textured: bool, location: SourceLocation) -> Shape:
-        """Return the shape in world space.
+        """Return the shape in world space. Raises SceneError if it is too large.
 
-        If it is `textured` and has no texture coordinates, projected ones are added.
+        textured : True if the material needs texture coordinates; missing ones are then added by projection
         """
         maps = shape.world_from_object
         whole = np.concatenate([maps, np.broadcast_to([[[0.0, 0.0, 0.0, 1.0]]], (len(maps), 1, 4))], axis=1)

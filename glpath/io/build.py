@@ -1,7 +1,7 @@
-"""Build a `Scene` from the typed data of a scene file: shapes become primitives, names become indices.
+"""Build a `Scene` from the typed data of a scene file. Shapes become primitives, and names become indices.
 
-This module checks what types cannot express, and reports the location of each error. Examples are materials that do
-not exist, quads that are not planar, boxes turned inside out, and triangles without area.
+This module makes the checks that types cannot express, and reports the location of each error. It finds materials
+that do not exist, quads that are not planar, boxes turned inside out, and triangles without area.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
 from glpath.system.time_limit import check_time
 
-# Maximum distance between the two diagonals of a planar quad, as a fraction of the longer diagonal. Quads beyond it
-# are rejected. Rounding coordinates to three digits stays below it.
+# Maximum distance between the two diagonals of a planar quad, as a fraction of the longer diagonal. Quads with a
+# larger distance are rejected. Coordinates that are rounded to three digits cause a smaller one.
 _PLANAR = 1e-3
 DEFAULT_MATERIAL = "default"
 # Field of view, degrees, stored for panorama and orthographic cameras, which ignore it.
@@ -117,7 +117,7 @@ def build(
             lights.emission(given.emission, here.field("emission"), scene_unit, shape, surfaces[material])
         )
 
-    # In practice environment maps and glTF emission have no physical unit, so 1 is equally bright in both.
+    # In practice, environment maps and glTF emission have no physical unit, so 1 counts as equally bright in both.
     beside_map = isinstance(file.unit, UnsetType) and (is_aside("sky") or _has_map(file))
     assets = Assets(folder, number, list(surfaces), list(textures), camera.shutter, scene_unit, beside_map)
     assets.add(file.assets, location.field("assets"))
@@ -293,11 +293,12 @@ def _mesh(
     ready: Mesh | None,
     known: dict[tuple[object, bool, bool], Mesh],
 ) -> Mesh:
-    """Return the mesh of a shape in object space, with texture coordinates if `textured`.
+    """Return the mesh of a shape in object space.
 
+    textured : True if the material needs texture coordinates; missing ones are then added by projection
     mirrored : True if the transform swaps fronts and backs
     ready    : mesh that is already in memory, or None
-    known    : cache of meshes, so that shapes of one file share one mesh. The key is the path or the mesh object,
+    known    : cache of meshes, so that shapes of one file share one mesh. A key is the path or the mesh object,
                `textured`, and True if the winding is flipped
     """
     reverse = given.flip_normals != mirrored

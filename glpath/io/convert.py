@@ -1,4 +1,4 @@
-"""Thread-safe conversions with msgspec. At the first use of a type, msgspec builds tables without a lock."""
+"""Thread-safe conversions with msgspec, which builds tables without a lock at the first use of a type."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _LOCK = Lock()
 
 
 def convert(value: Any, kind: Any, *, strict: bool = True) -> Any:
-    """Return `value` converted to `kind`. Raises msgspec.ValidationError, also for text with lone surrogates.
+    """Return `value` converted to the type `kind`. Raises msgspec.ValidationError, also for text with surrogates.
 
     The lock is needed because msgspec 0.22 crashes if several threads convert to one type for the first time.
     """

@@ -52,7 +52,7 @@ def lights(
 
 
 def _factor_of(given: AnyLight | Emission) -> float | None:
-    """Return the maintenance factor of a description; None if it has none."""
+    """Return the maintenance factor of a light or emission; None if its table does not set one."""
     factor = getattr(given, "maintenance_factor", UNSET)
     return None if isinstance(factor, UnsetType) else float(factor)
 
@@ -141,9 +141,9 @@ def _intensity(
 ) -> Float64:
     """Return the (3,) intensity of a light without a profile, from its field `intensity` or `flux`.
 
-    Raises SceneError.
+    angle : flux divided by intensity, steradians
 
-    angle : solid angle, steradians; intensity is flux / angle
+    Raises SceneError if both fields are set, or neither.
     """
     if not isinstance(given.flux, UnsetType):
         if not isinstance(given.intensity, UnsetType):
@@ -171,7 +171,7 @@ def _times_candela(given: description.PointLight, profile: LightProfile, locatio
 
 
 def _flux(given: description.PointLight | description.SpotLight, location: SourceLocation) -> Float64:
-    """Return the (3,) flux of a light, W or lm. Raises SceneError."""
+    """Return the (3,) flux of a light, W or lm. Raises SceneError if its falloff is "none"."""
     if given.falloff == "none":
         raise location.field("flux").error(
             'is of a light whose falloff is "none", which has no flux.', "Give it an intensity."
@@ -182,7 +182,11 @@ def _flux(given: description.PointLight | description.SpotLight, location: Sourc
 def _orientation(
     given: description.PointLight, camera_up: Float64, location: SourceLocation
 ) -> tuple[Float64, Float64]:
-    """Return two perpendicular (3,) unit vectors: towards gamma = 0, and towards C = 0 at gamma = 90."""
+    """Return the orientation of a photometric profile as two perpendicular (3,) unit vectors.
+
+    The first vector is the direction of the profile's angle gamma = 0. The second is that of gamma = 90 degrees in
+    the plane C = 0. Raises SceneError if `c0` is parallel to `direction`.
+    """
     down = -camera_up if isinstance(given.direction, UnsetType) else given.direction
     direction = unit(down, location.field("direction"), "direction = [0, -1, 0]")
     if isinstance(given.c0, UnsetType):
@@ -213,7 +217,7 @@ def _cone(cone: tuple[float, float], location: SourceLocation) -> tuple[float, f
 def emission(
     given: Emission | UnsetType, location: SourceLocation, scene_unit: Unit, shape: Shape, material: Material
 ) -> Shape:
-    """Return `shape` with the emission that its table describes, in the unit of the scene. Raises SceneError."""
+    """Return `shape` with the emission of the table `given`, in the unit of the scene. Raises SceneError."""
     if isinstance(given, UnsetType):
         return shape
     factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
@@ -291,7 +295,7 @@ def sky(
 def portals(given: description.Sky | UnsetType, location: SourceLocation) -> tuple[Portal, ...]:
     """Return the portals of a sky. Raises SceneError.
 
-    location : of the sky's table
+    location : location of the sky's table
     """
     if isinstance(given, UnsetType):
         return ()
@@ -351,7 +355,7 @@ def environment_map(
 ) -> Environment:
     """Return the environment map of a file that a scene names at `location`.
 
-    Raises SceneError; warns of clipped values.
+    Raises SceneError. Warns of negative values, which become 0.
     """
     stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, location, read_environment)
     negative = np.count_nonzero(stored < 0)

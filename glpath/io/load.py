@@ -1,7 +1,8 @@
-"""Read a scene file or a dictionary as a `Scene`: TOML [tomllib], typed data [msgspec], then `build`.
+"""Read a scene file or a dictionary as a `Scene`.
 
-msgspec reports what is wrong and where. This module rewords its errors in terms of the scene format: the location
-as `file: shapes[3].material`, the value found, the values allowed, and the description of the field as the remedy.
+tomllib parses the TOML, msgspec converts it to typed data, and `build` makes the scene. This module rewords errors
+of msgspec in terms of the scene format. A reworded error has the location, such as `file: shapes[3].material`, the
+value found, the values allowed, and the description of the field as the remedy.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ _WORDS |= {"array": "a list", "object": "a table"}
 _DEEPEST = 100
 # Maximum number of letters of the faulty line that a syntax error shows.
 _SHOWN = 120
-# Dotted key of more than a hundred parts, `a.a.a...`, because tomllib takes time quadratic in the number of parts.
+# Pattern of a dotted key with more than a hundred parts, `a.a.a...`. Such a key is rejected, because tomllib takes
+# time quadratic in the number of parts.
 _DEEP_KEY = re.compile(
     r"""(?:^|[{,])[ \t]*(?:\[{1,2}[ \t]*)?(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""", re.MULTILINE
 )
@@ -55,7 +57,7 @@ _TABLES = {"film": (Film,), "camera": get_args(AnyCamera), "sky": (Sky,)}
 _RELATIONS = {">=": "of at least", "<=": "of at most", ">": "above", "<": "below"}
 
 
-#: Remedy for a scene of too many bytes.
+#: Remedy in the error for a scene file that is too large.
 TOO_LARGE = "Put its geometry into models, such as .glb or .ply, and name them in [[assets]]."
 
 
@@ -66,7 +68,8 @@ def read_scene_file(path: Path, later: float = 0.0, up: Up = "guess") -> Scene:
     up    : up axis for a file without a camera; "guess" uses `up` of the sky if set, else `evidence_for_z`
     """
     location = SourceLocation(str(path))
-    # Unlike Path.is_file, os.path.isfile returns False if the name is too long. In bash, <(...) makes a pipe.
+    # Unlike Path.is_file, os.path.isfile returns False if the name is too long. Pipes are allowed, because <(...)
+    # in bash makes one.
     if not (os.path.isfile(path) or (os.path.exists(path) and path.is_fifo())):
         raise location.error(
             "is a folder, not a scene file." if os.path.isdir(path) else "no such file.", _other_files(path)
@@ -85,8 +88,11 @@ def scene_from_toml(
 ) -> Scene:
     """Return the scene of a scene file's content. Raises SceneError.
 
-    folder, name : see `scene_from_dict`
-    later, up    : see `read_scene_file`
+    location : location of the whole file, for errors
+    folder   : base folder of relative paths
+    name     : name of a scene that does not name itself
+    later    : seconds that are added to the shutter times of the file
+    up       : up axis for a file without a camera, see `read_scene_file`
     """
     try:
         # Convert line ends to "\n", as text mode does.
@@ -160,9 +166,12 @@ def scene_from_dict(
 def scene_of(
     data: Mapping[str, Any], location: SourceLocation, folder: Path, name: str, later: float = 0.0
 ) -> Scene:
-    """Return the scene of a dictionary; see `scene_from_dict`, and `read_scene_file` for `later`.
+    """Return the scene that a dictionary of the scene format describes. Raises SceneError.
 
     location : location of the whole dictionary, for errors
+    folder   : base folder of relative paths
+    name     : name of a scene that does not name itself
+    later    : seconds that are added to the shutter times
     """
     data, meshes = _without_meshes(data, location)
     try:
@@ -186,9 +195,9 @@ def scene_of(
 def _without_meshes(
     data: Mapping[str, Any], location: SourceLocation
 ) -> tuple[Mapping[str, Any], dict[int, Mesh | Chunks]]:
-    """Return `data` without its streams and in-memory meshes, and these by index of their shape.
+    """Return `data` without streams and in-memory meshes, and a dictionary of these by shape index.
 
-    They are taken out because msgspec reads lists, and a million faces as lists would take a minute and a gigabyte.
+    They are taken out because msgspec reads only lists. A million faces as lists need a minute and a gigabyte.
     """
     if not isinstance(data.get("shapes"), list | tuple):
         return data, {}
@@ -231,7 +240,7 @@ def _at_keys(location: SourceLocation, keys: Sequence[str | int]) -> SourceLocat
 
 
 def _unusable(value: Any) -> list[str | int] | None:
-    """Return the keys that lead to the first number that is NaN, infinite or too large for the GPU, or None."""
+    """Return the keys that lead to the first number that is NaN, infinite or too large; None if all are usable."""
     if isinstance(value, float | int):
         return None if abs(value) <= LARGEST else []
     check_time()
@@ -244,7 +253,7 @@ def _unusable(value: Any) -> list[str | int] | None:
 
 
 def _keys_of_text(value: Any, text: str) -> list[str | int] | None:
-    """Return the keys that lead to a text, as a value or as a key of a dictionary; None if it is absent."""
+    """Return the keys that lead to a text, which is a value or a key of a dictionary; None if it is absent."""
     if isinstance(value, str):
         return [] if value == text else None
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
@@ -256,7 +265,7 @@ def _keys_of_text(value: Any, text: str) -> list[str | int] | None:
 
 
 def _name_default_types(data: Any) -> None:
-    """Make materials without a type diffuse and cameras perspective; msgspec has no default type in a union."""
+    """Set missing types of materials to "diffuse", of the camera to "perspective"; msgspec has no such defaults."""
     camera = data.get("camera")
     if isinstance(camera, dict):
         camera.setdefault("type", "perspective")
@@ -359,7 +368,7 @@ def _in_words(
 
 
 def _instead_of(name: str, declared: Any, allowed: Sequence[str]) -> str:
-    """Return the remedy for an unknown field: its name in this format, or the type or table that has it."""
+    """Return the remedy for an unknown field: its name in this format, or the type or table that has the field."""
     if name.lower() in _LIGHT and "reflectance" in allowed:
         return "Light is of shapes: emission = { radiance = [r, g, b] } in a [[shapes]] table."
     if meant := meant_by(name, allowed):

@@ -1,4 +1,4 @@
-"""Limits of a glTF file. A file beyond them is refused before memory is allocated."""
+"""Limits for glTF files. A file that exceeds a limit is rejected before memory is allocated."""
 
 #: Maximum size in bytes of the model file and of each buffer and image file; the .glb format cannot hold more.
 MAX_FILE_BYTES = 2**32
@@ -10,21 +10,21 @@ MAX_NODES = 2**20
 #: Maximum depth of the tree of nodes.
 MAX_NODE_DEPTH = 10_000
 MAX_ACCESSORS = 2**20
-#: Maximum number of elements of an accessor without a buffer view. They are zeros, so even a tiny file can ask for
-#: many.
+#: Maximum number of elements of an accessor without a buffer view. Its elements are zeros that the file does not
+#: contain, so even a tiny file can ask for many.
 MAX_ZEROS = 2**22
-#: Maximum bytes of all decoded arrays, meshes and pixels. Data that a file uses again are decoded once.
+#: Maximum size of all decoded arrays, meshes and pixels together, bytes. Data that are used again are decoded once.
 MAX_DECODED_BYTES = 2**33
-#: Bytes of decoded data that are allowed for a file of any size.
+#: Number of decoded bytes that every file may have, however small it is.
 ALWAYS_DECODED_BYTES = 2**30
-#: Maximum ratio of decoded bytes to file bytes, for models that exceed ALWAYS_DECODED_BYTES. Draco meshes unfold to
-#: hundreds of times their bytes.
+#: Maximum ratio of decoded bytes to file bytes, for models that exceed ALWAYS_DECODED_BYTES. Decoded Draco meshes
+#: are hundreds of times as large as in the file.
 MAX_DECODED_RATIO = 512
-#: Maximum triangles of all instances together; their vertices have 32-bit indices.
+#: Maximum number of triangles of all instances together, because their vertices have 32-bit indices.
 MAX_TRIANGLES = 2**28
 #: Number of triangles of all instances that every file may have, however small it is. They take 1 GB.
 ALWAYS_TRIANGLES = 2**23
-#: Maximum triangles of all instances per file byte, for models that exceed ALWAYS_TRIANGLES.
+#: Maximum number of triangles of all instances per byte of the file, for models that exceed ALWAYS_TRIANGLES.
 MAX_TRIANGLES_RATIO = 64
 MAX_TEXTURE_SIDE = 16384
 MAX_TEXTURE_PIXELS = 2**26

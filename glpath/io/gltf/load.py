@@ -1,7 +1,7 @@
-"""glTF 2.0 models: `read_gltf`.
+"""Reading of glTF 2.0 models by `read_gltf`.
 
-`Model.notes` lists the unused contents of a file. Forbidden contents raise a SceneError that names the location:
-paths that leave the folder, wrong lengths, cycles of nodes.
+`Model.notes` lists the unused contents of a file. Forbidden contents raise a SceneError that names their location.
+They are paths that leave the folder, wrong lengths, and cycles of nodes.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from glpath.scene.source_location import shown
 from glpath.scene.tessellate import without_area
 from glpath.system.time_limit import check_time
 
-#: Entry of a file's extras, written by `glpath export` for scenes whose one-sided materials have black backs.
+#: Entry that `glpath export` adds to a file's extras if one-sided materials of the scene have black backs.
 BLACK_BACKS = {"backs": "black"}
 
 # Minimum ratio of the shortest to the longest axis of a transformed unit sphere. A flatter instance counts as a
@@ -59,15 +59,15 @@ _MIRRORED = " (mirrored)"
 class Model:
     """Model file in glpath's own data types.
 
-    source    : the file
-    name      : name of the file's scene, or of the file
+    source    : path of the file
+    name      : name of the scene in the file, or else of the file
     shapes    : one shape for each primitive, with all its instances
     lights    : punctual lights
     cameras   : all cameras of the scene
     camera    : requested camera, otherwise the first; None if there is no camera
-    shutter   : times in the animations at which it opens and closes, seconds; (0, 0) at rest
+    shutter   : animation times at which the shutter opens and closes, seconds; (0, 0) if animations do not run
     notes     : unused contents of the file, without duplicates
-    unit      : unit of its light; None if the format has no unit
+    unit      : unit of the model's light; None if the format has no unit
     sky       : environment; None if the file has no environment
     """
 
@@ -99,21 +99,21 @@ def read_gltf(
 ) -> Model:
     """Read a .gltf or .glb.
 
-    time         : seconds into its animations; None shows it at rest
-    shutter      : duration in seconds from `time` on; nodes that move meanwhile get a motion, but their skins and
-                   morph targets keep their form
-    camera       : name or index of one of its cameras, for `Model.camera`
+    time         : animation time in seconds; None shows the model at rest
+    shutter      : duration in seconds for which the shutter is open, from `time` on. Nodes that move meanwhile get
+                   a motion, but skins and morph targets keep their form at `time`
+    camera       : name or index of the camera for `Model.camera`; by default the first
     animation    : name or index of the animation that runs, or "all"; by default the first, as in viewers
-    variant      : name or index of one of its material variants; by default its own materials
+    variant      : name or index of the material variant; by default the primitives' own materials
     light_factor : factor of the intensity of punctual lights; emitting surfaces keep their radiance. Blender's
                    exporter writes 683 lumen for a watt, so 1 / 683, with the unit "radiometric", restores its watts
-    unit         : unit of its light: "photometric" (cd, lx, cd m^-2), as glTF defines it, or "radiometric", as
-                   programs write it that have their light in watts
+    unit         : unit of the model's light: "photometric" (cd, lx, cd m^-2), as glTF defines it, or "radiometric",
+                   as written by programs that have light in watts
     backs        : backs of materials that are not doubleSided: "absent", as in viewers, or "black", so that walls
                    block light from both sides
 
     Raises SceneError for a file that is missing, broken or hostile, or requires an unknown extension. Raises
-    UsageError for a camera, an animation or a variant that it does not have, and for numbers that are not finite.
+    UsageError for a camera, animation or variant that the file lacks, and for numbers that are not finite.
     """
     path = Path(path)
     if not (np.isfinite(light_factor) and light_factor >= 0):
@@ -140,7 +140,7 @@ def read_gltf(
     cameras = tuple(each for each in views if each is not None)
     eyes = [camera.position for camera in cameras] if backs == "absent" and not made.backs_were_black else None
     shapes = made.all(eyes)
-    if not shapes:  # points and lines are drawn only if nothing else is there
+    if not shapes:  # points and lines are drawn only in models without triangles
         made = _Shapes(document, accessors, nodes, poses, surfaces, path_of, look)
         made.primitives.strokes = True
         shapes = made.all(eyes)
@@ -240,8 +240,8 @@ def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: 
 class _Group:
     """Instances of one primitive's mesh, while they are collected.
 
-    maps : arrays (N, 3, 4) of affine transforms from mesh to world space
-    nodes : indices of nodes that each add one instance, whose transform is not yet in `maps`
+    maps  : arrays (N, 3, 4) of affine transforms from mesh to world space
+    nodes : indices of nodes with one instance each, whose transforms `add_instances` appends to `maps`
     """
 
     name: str
@@ -261,7 +261,7 @@ class _Group:
             self.nodes = []
 
     def encloses(self, points: Sequence[Float64]) -> bool:
-        """Return True if an instance of the mesh is closed around one of the points."""
+        """Return True if any instance of the mesh encloses any of the points, by the winding number."""
         low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
         for maps in self.maps if len(points) else ():
             centre = maps[:, :, :3] @ ((low + high) / 2) + maps[:, :, 3]
@@ -276,10 +276,10 @@ class _Group:
 
 @dataclass
 class _Part:
-    """Primitive of a mesh without a skin, with the morph weights of the mesh itself.
+    """Primitive of a mesh for nodes that only transform it, with the morph weights of the mesh itself.
 
-    name  : suffix of the mesh's name
-    nodes : indices of the nodes with an instance of it
+    name  : suffix of the mesh's name for this primitive
+    nodes : indices of the nodes that have an instance of the primitive
     """
 
     name: str
@@ -326,8 +326,8 @@ class _Shapes:
     def all(self, eyes: Sequence[Float64] | None = None) -> list[Shape]:
         """Return a shape for each primitive.
 
-        eyes : positions of cameras; backs that cameras can see become two-sided or are culled. None: all backs
-               stay black
+        eyes : positions of cameras; backs that are visible become two-sided or are culled. None if all backs stay
+               black
         """
         for index in self.nodes.drawn:
             number = self._plain_mesh(index)
@@ -360,7 +360,7 @@ class _Shapes:
         return shapes
 
     def _plain_mesh(self, index: int) -> int | None:
-        """Return the index of a node's mesh if the node only transforms it, as most nodes do; otherwise None."""
+        """Return the index of a node's mesh if the node only transforms the mesh, as most do; otherwise None."""
         values = self.nodes.tables.values[index]
         if "mesh" not in values or not _OF_ITS_OWN.isdisjoint(values) or "weights" in self.poses.get(index, ()):
             return None
@@ -464,13 +464,13 @@ class _Shapes:
         return self.skins[index]
 
     def _joints(self, node: Table) -> list[int]:
-        """Return the node indices of the joints of a node's skin."""
+        """Return the joints of a node's skin as node indices; an empty list if the node has no skin."""
         skins = self.document.all("skins")
         index = node.index("skin", skins, "skins")
         return [] if index is None else skins[index].indices("joints", self.nodes.tables, "nodes")
 
     def _add_shape(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table, node: int) -> None:
-        """Add instances (N, 3, 4) of a mesh.
+        """Add instances of a mesh with the transforms `maps` (N, 3, 4) from mesh to world space.
 
         Mirrored instances use a mesh with reversed winding, so that fronts stay outside.
         """
@@ -504,9 +504,9 @@ class _Shapes:
                 self.groups[key].motion = Motion(self.paths.times, path, placed)
 
     def _add_flat(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table, node: int) -> None:
-        """Add instances whose transforms flatten the mesh into a plane.
+        """Add instances of a mesh with transforms `maps` (N, 3, 4) that flatten the mesh into a plane.
 
-        The mesh itself is flattened instead, and its transform is made invertible.
+        The mesh is flattened in its own space instead, so that an invertible transform gives the same plane.
         """
         if self.paths is not None and self.paths.of(node) is not None:
             self.document.notes.add("Meshes that are scaled to 0 along an axis and move while the shutter is open.")
@@ -554,8 +554,8 @@ class _Shapes:
     def _light_backs(self) -> None:
         """Make one-sided materials two-sided on closed meshes whose inside is visible.
 
-        The inside is visible through cut-out holes and through surfaces that transmit light. glTF viewers cull the
-        backs there, so that what is behind them is visible; one-sided backs would be black here.
+        The inside is visible through cut-out holes and through surfaces that transmit light. Viewers of glTF cull
+        the backs inside such a mesh and show the surfaces behind them. Here, one-sided backs would be black.
         """
         surfaces = self.surfaces.surfaces
         seen: dict[int, list[_Group]] = {}  # by surface index
@@ -598,9 +598,11 @@ class _Shapes:
         return float(opacity_of(material, np.array(alpha))) < 1
 
     def _cull_backs(self, eyes: Sequence[Float64]) -> None:
-        """Cull the backs of materials that are not doubleSided, if they can be seen.
+        """Cull the backs of materials that are not doubleSided, unless all backs are hidden.
 
-        Backs inside closed meshes cannot be seen from outside, so they need no culling.
+        Backs are hidden inside closed meshes that enclose no camera, so they need no culling.
+
+        eyes : positions of cameras
         """
         surfaces = self.surfaces.surfaces
         for number, surface in enumerate(surfaces):
@@ -612,14 +614,14 @@ class _Shapes:
                 surfaces[number] = replace(surface, material=replace(material, culled=True))
 
     def _is_solid(self, *meshes: Mesh) -> bool:
-        """Return `_are_solid(meshes)`, cached by the tuple of meshes."""
+        """Return True if the meshes together are closed; see `_are_solid`, whose results are cached."""
         if meshes not in self.solid:
             self.solid[meshes] = _are_solid(meshes)
         return self.solid[meshes]
 
 
 def _are_solid(meshes: Sequence[Mesh]) -> bool:
-    """Return True if meshes together are closed, with their fronts outward; False if there are too many faces."""
+    """Return True if the meshes together are closed, with fronts outward; False for more than _LONG_TEST faces."""
     if sum(len(mesh.faces) for mesh in meshes) > _LONG_TEST:
         return False
     return is_solid(Mesh.joined(meshes))
