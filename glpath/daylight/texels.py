@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -31,6 +30,7 @@ from glpath.radiosity.shafts.occluders import Occluders
 from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
 from glpath.system.arguments import checked, short_repr
+from glpath.system.suggestions import listed_names, name_fits
 
 Float64 = NDArray[np.float64]
 
@@ -201,11 +201,11 @@ def _chosen(scene: Scene, shapes: str | Sequence[str] | None) -> NDArray[np.bool
         return np.ones(len(names), np.bool_)
     found = np.zeros(len(names), np.bool_)
     for pattern in [shapes] if isinstance(shapes, str) else shapes:
-        fits = [fnmatchcase(name, pattern) for name in names]
+        fits = [name_fits(name, pattern) for name in names]
         if not any(fits):
             raise UsageError(
                 f"texels: no shape is called {short_repr(pattern)}.",
-                f"The shapes are {', '.join(names[:12])}{', ...' if len(names) > 12 else ''}.",
+                f"The shapes are {listed_names(names)}.",
             )
         found |= fits
     return found

@@ -16,7 +16,6 @@ import os
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
-from fnmatch import fnmatchcase
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Unpack
@@ -50,7 +49,7 @@ from glpath.scene.source_location import SourceLocation
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor, SensorKey
 from glpath.system.arguments import check_count, check_word, short_repr
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, whole_file
-from glpath.system.suggestions import listed_names, similar_names
+from glpath.system.suggestions import listed_names, name_fits, similar_names
 from glpath.system.time_limit import preparing_scene
 
 Window = tuple[int, int, int, int]
@@ -459,7 +458,7 @@ def _looking_at(scene: Scene, name: Any, changes: Mapping[str, Any]) -> Scene:
     if "target" in changes:
         raise UsageError("camera look_at beside a target: both say where it looks.", "Leave one out.")
     shapes = [
-        s for s in scene.shapes if any(fnmatchcase(each, str(name)) for each in (s.name, s.name.rpartition("/")[2]))
+        s for s in scene.shapes if any(name_fits(each, str(name)) for each in (s.name, s.name.rpartition("/")[2]))
     ]
     if not shapes:
         names = list(dict.fromkeys(shape.name for shape in scene.shapes))

@@ -273,9 +273,9 @@ class Environment:
 
         Returns four tables:
         - (2 h + 1,) cumulative probability of half rows;
-        - (2 h,) indices of these half rows: 2 i for the upper half of row i, 2 i + 1 for the lower; - (2 h,)
-        integral over the angle, in rows, of each half's tent times the sine of the angle; - (h, w + 1) cumulative
-        probability of each row's texels.
+        - (2 h,) indices of these half rows: 2 i for the upper half of row i, 2 i + 1 for the lower;
+        - (2 h,) integral over the angle, in rows, of each half's tent times the sine of the angle;
+        - (h, w + 1) cumulative probability of each row's texels.
         """
         tables = self._tables
         return tables.rows, tables.order, self._halves.mass, tables.columns

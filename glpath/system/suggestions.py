@@ -1,4 +1,4 @@
-"""Names in error messages: those that are similar to an unknown one, and short lists of those that are allowed.
+"""Names that a user gives: patterns of names, names similar to an unknown one, short lists of allowed names.
 
 Files may define any number of names of any length. Errors about them stay quick and short.
 """
@@ -6,13 +6,20 @@ Files may define any number of names of any length. Errors about them stay quick
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
+from fnmatch import fnmatchcase
 from heapq import nsmallest
 
 # Maximum length of names that are compared, and their maximum number; one comparison takes up to a millisecond.
 _MAX_COMPARED_LENGTH, _MAX_COMPARED = 120, 500
 # Maximum number of names in a list, and of letters of each.
 _MAX_LISTED, _MAX_LISTED_LENGTH = 20, 120
+
+
+def name_fits(name: str, pattern: str) -> bool:
+    """Return True if a name fits a pattern, in which * stands for any letters and all else for itself."""
+    return fnmatchcase(name, re.sub(r"[\[?]", r"[\g<0>]", pattern))
 
 
 def similar_names(name: str, names: Iterable[str], count: int = 1, cutoff: float = 0.6) -> list[str]:
