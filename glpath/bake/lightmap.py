@@ -489,7 +489,7 @@ class Bake:
         )
 
     def lightmap(self, film: Film) -> Lightmap:
-        """Return the lightmap of a film of the texels."""
+        """Return the lightmap of a film whose pixels are the samples of texels."""
         return Lightmap.of(self.surfaces, film, self.denoise)
 
 

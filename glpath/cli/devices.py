@@ -37,7 +37,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a tabl
 
 
 def register(app: typer.Typer) -> None:
-    """Add both commands to the command line."""
+    """Add the commands `devices` and `doctor` to the command line."""
     of_devices = command_help(
         ("glpath devices", "a table"),
         ("glpath devices --json", "for programs"),

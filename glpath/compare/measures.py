@@ -55,7 +55,7 @@ def mse(image: ArrayLike, reference: ArrayLike) -> float:
 def psnr(image: ArrayLike, reference: ArrayLike, peak: float | None = None) -> float:
     """Return 10 log10(peak² / mse) in decibels; infinite for equal images.
 
-    peak : largest possible value; None: maximum of the reference, because radiance has no other limit
+    peak : largest possible value; None: maximum of the reference, because radiance has no upper bound
 
     Raises ImageError.
     """

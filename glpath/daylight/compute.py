@@ -415,7 +415,7 @@ def _words(
     report: Callable[[int], None],
     flag: Flag,
 ) -> tuple[Words, Shares | None]:
-    """Return visibility words (W, N) and transmittances (W, 32, N) of directions (D, 3), word by word.
+    """Return visibility (W, N), a bit for each of 32 directions, and transmittances (W, 32, N) for (D, 3).
 
     kept : checkpoint; None: no checkpoint
     key  : hash of the work, which the checkpoint must have

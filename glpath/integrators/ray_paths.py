@@ -80,7 +80,7 @@ _TREE_MAX = 1 << 16
 _LIGHT_BLOCK = 16
 # Number of bounces that take their numbers from the sequence; later bounces have independent random numbers.
 _MAX_BOUNCES = 14
-#: Maximum number of vertices of a path that nothing but roulette ends, as a safeguard. With a reflectance of 0.999
+#: Maximum number of vertices of a path without a depth limit, which only roulette ends. With a reflectance of 0.999
 #: everywhere, longer paths carry only 1e-7 of the light. In a closed room without absorption, light transport has
 #: no solution, and every path reaches this maximum.
 CEILING = 1 << 14
@@ -159,8 +159,6 @@ class RayPathEngine(PathSetEngine):
         with self.stopwatch.stage("paths"):
             run_in_areas(self._paths.now, self._areas, uniforms)
         self._sums.path_set_added()
-
-    # Parts of the frame.
 
     def _seen_in_mirrors(self) -> RayBvh | None:
         clear = any(self.scene.scene.materials[shape.material].is_clear for shape in self.scene.scene.shapes)

@@ -154,7 +154,7 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
     for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
         begun, line = begun or number, line.rstrip(_BLANKS)
         if "#" in line or "(" in line or line.endswith("\\"):
-            if len(before) < 2:  # later lines do not change the keyword
+            if len(before) < 2:  # the first line decides, so many further lines need no match
                 is_name = _OF_NAMES.match(before[0] if before else line) is not None
             if not is_name:
                 line = with_plain_nan(line).partition("#")[0].rstrip()

@@ -2,7 +2,7 @@
 
     job = RenderJob.of("cornell-box", spp=1024)
     parts = job.split(4)                     # on four machines, say, each from its own file
-    films = [run(part) for part in parts]    # merge into the film of run(job), bit for bit on one kind of device
+    films = [run(part) for part in parts]    # merged, they equal run(job) if all devices are of one kind
 
 A job identifies its scene by its source and by the SHA-256 of its content, so a changed file gives an error instead
 of another image. The job contains the whole camera.

@@ -55,7 +55,7 @@ class PathSetSampler:
     Parameters
     ----------
     seed      : integer >= 0; renders with different seeds are independent
-    max_depth : maximum number of vertices of a path, as in the paper
+    max_depth : maximum number of vertices of a path, without the eye and the light samples
     sampling  : "sobol" or "random"
     lattice   : True to take the first direction from a lattice; not with "random"
     """

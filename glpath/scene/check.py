@@ -219,7 +219,7 @@ def _about_darkness(scene: Scene) -> list[str]:
 
 
 def _about_what_encloses(light: Light, scene: Scene, around: NDArray[np.intp]) -> list[str]:
-    """Return warnings about shapes that occlude a light.
+    """Return warnings about shapes that enclose a light and occlude it from everything outside.
 
     around : indices of shapes that enclose the light, but not the camera
     """

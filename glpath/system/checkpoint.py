@@ -24,7 +24,7 @@ log = logging.getLogger("glpath")
 
 @dataclass
 class CheckpointFile(Locked):
-    """Checkpoint file and its schedule. After each step, the computation asks `due`, and then calls `written_by`.
+    """Checkpoint file and its schedule. The computation calls `written_by` after each step for which `due` is True.
 
     A `with` block locks the file against other processes, or raises GlpathError with the name of the holder.
 
@@ -39,7 +39,7 @@ class CheckpointFile(Locked):
     is_output : True if the file is also an output of the command; an output may be a symbolic link
     """
 
-    #: Names in messages: the holder of the file's lock, and the work that continues after a failed checkpoint.
+    #: Phrases for messages: what holds the file's lock, and what continues after a failed checkpoint.
     holder: ClassVar[str] = "work that resumes from it"
     work: ClassVar[str] = "the work"
 

@@ -183,7 +183,7 @@ def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
         raise OSError(errno.EBADF, "it is closed")
     try:
         descriptor = stream.fileno()
-    except OSError:  # `sys.stdin` is a Python object without a descriptor
+    except OSError:  # `sys.stdin` was replaced by an object without a file descriptor
         return _within(stream.read(limit + 1), limit)
     if os.isatty(descriptor):
         return _within(stream.read(), limit)

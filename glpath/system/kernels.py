@@ -112,7 +112,7 @@ def _for_types(dispatcher: Any) -> Any:
 class _Compilations:
     """State of this process's compilations, guarded by numba's compiler lock.
 
-    running  : True while a kernel is compiled; all functions compiled then are part of it
+    running  : True while a kernel is compiled; functions compiled meanwhile belong to that kernel
     expected : names of the kernels that are not compiled yet; empty if unknown
     done     : number of kernels whose compilation began, or that another process compiled
     report   : function that gets a text for each kernel; None: the log gets it

@@ -127,7 +127,7 @@ class HeightField:
 
     @property
     def triangle_count(self) -> int:
-        """Number of triangles, two per cell, including missing ones."""
+        """Number of triangles, two per cell, including cells without data."""
         return 2 * (self.shape[0] - 1) * (self.shape[1] - 1)
 
     def coordinates(self) -> tuple[Float64, Float64]:

@@ -168,8 +168,8 @@ class Reader:
         maps     : (..., 3, 4) transforms to world, one for each instance
         material : index of the material, whose textures need texture coordinates
 
-        A mirroring map exchanges front and back of a sphere. It would also mirror a texture, so a textured sphere
-        becomes triangles instead.
+        A mirrored transform exchanges front and back of a sphere. It would also mirror a texture, so a textured
+        sphere becomes triangles instead.
         """
         if isinstance(geometry, Mesh):
             geometry = self._with_uv(geometry, material)

@@ -106,7 +106,7 @@ class ViewFactors:
 
     @property
     def enclosure(self) -> Float64:
-        """Difference (N,) between 1 and each row's sum, which is `sky` plus `backs`; 0 for faces without an area.
+        """Difference (N,) between 1 and each row's sum; it equals `sky` plus `backs`. 0 for faces without an area.
 
         In a closed room, this difference is the error of the row.
         """
