@@ -33,7 +33,7 @@ LIMITS = {
     "GL_MAX_CLIP_DISTANCES": Limit(0x0D32, 4, "the sides of a hemicube"),
     "GL_MAX_TEXTURE_IMAGE_UNITS": Limit(0x8872, 14, "textures of a fragment shader"),
     "GL_MAX_VERTEX_TEXTURE_IMAGE_UNITS": Limit(0x8B4C, 4, "of a vertex shader"),
-    "GL_MAX_COMPUTE_TEXTURE_IMAGE_UNITS": Limit(0x91BC, 12, "of a compute shader"),
+    "GL_MAX_COMPUTE_TEXTURE_IMAGE_UNITS": Limit(0x91BC, 13, "of a compute shader"),
     "GL_MAX_COMPUTE_IMAGE_UNIFORMS": Limit(0x91BD, 2, "the sums that it writes"),
     "GL_MAX_FRAGMENT_UNIFORM_COMPONENTS": Limit(0x8B49, 1024, "random numbers of a path set and the camera"),
     "GL_MAX_SHADER_STORAGE_BUFFER_BINDINGS": Limit(0x90DD, 7, "small primitives of a T-buffer"),

@@ -92,7 +92,7 @@ class CheckpointFile(Locked):
             reason = reason_of(error.__cause__ or error)
             text = error.message.rstrip(".")
             if last:
-                kept = "What is done is kept in {}; as the checkpoint's file, --resume continues it."
+                kept = "What is done is kept in {}; move it to the checkpoint's path to resume."
                 self.rescue = rescued({self.path.name: save}, kept)
                 log.warning("checkpoint: %s. %s", text, self.rescue)
             elif reason not in self._reasons:

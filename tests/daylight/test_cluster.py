@@ -209,7 +209,7 @@ def test_shard_that_a_full_disk_refuses_does_not_end_the_computation(
     with pytest.raises(ContextError):
         played({1: [one], 2: [ContextError("no device")] * 3}, tmp_path / "kept")
     (rescued,) = tmp_path.glob("glpath-*/1-of-2.npz")
-    assert f"What is done is kept in {rescued}; as the checkpoint's file, --resume continues" in caplog.text
+    assert f"What is done is kept in {rescued}; move it to the checkpoint's path to resume." in caplog.text
     assert DaylightCoefficients.load(rescued).shard == one.shard
 
 

@@ -102,10 +102,13 @@ def test_a_pane_reflects_and_lets_through_by_its_angle(transmittance: Any) -> No
 
 
 def window(pane: dict[str, Any], integrator: str, spp: int) -> tuple[Any, Any]:
-    """Irradiance by a white sky at the bottom of a black shaft, without and with a sheet over it."""
+    """Irradiance by a white sky at two points between a sheet and a black floor.
+
+    The floor is as wide as the sheet, as the sheet reflects the sky below a smaller floor's edges.
+    """
     up = [0.0, 1.0, 0.0]
     wide = [[-50, 0.5, 50], [50, 0.5, 50], [50, 0.5, -50], [-50, 0.5, -50]]
-    floor = [[-5, -0.2, 5], [5, -0.2, 5], [5, -0.2, -5], [-5, -0.2, -5]]
+    floor = [[-50, -0.2, 50], [50, -0.2, 50], [50, -0.2, -50], [-50, -0.2, -50]]
     lit = {
         "materials": {"pane": pane, "black": {"reflectance": 0.0}},
         "shapes": [

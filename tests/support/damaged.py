@@ -111,9 +111,9 @@ def compare(path: Path) -> None:
 
 
 def size(path: Path) -> None:
-    width, height = image.picture_size(path)
-    assert width > 0
-    assert height > 0
+    found = image.picture_size(path)
+    assert found.width > 0
+    assert found.height > 0
 
 
 READERS: dict[str, tuple[Callable[[Path], None], ...]] = {
