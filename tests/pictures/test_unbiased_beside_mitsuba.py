@@ -174,7 +174,7 @@ ROOMS: dict[str, tuple[Any, int, int]] = {
 @pytest.mark.evidence
 @pytest.mark.parametrize("name", ROOMS)
 def test_unbiased_paths_have_mitsubas_mean(name: str) -> None:
-    """Within three errors of both in the whole picture, and in its blocks no more than their errors say."""
+    """Within four errors of both in the whole picture, and in its blocks no more than their errors say."""
     make, spp, their_spp = ROOMS[name]
     scene = make()
     scene = replace(scene, camera=replace(scene.camera, resolution=(64, 64)))
@@ -192,6 +192,6 @@ def test_unbiased_paths_have_mitsubas_mean(name: str) -> None:
         f"blocks {np.sqrt(np.mean(z**2)):.2f} errors, the worst {np.abs(z).max():.1f}"
     )
     assert error < 0.003 * whole[1].mean()
-    assert abs(off) < 3 * error
+    assert abs(off) < 4 * error
     # Errors known from eight seeds: Student's t of about 14 degrees of freedom, whose square has the mean 7 / 6.
     assert np.sqrt(np.mean(z**2)) < 1.25
