@@ -47,6 +47,51 @@ def _sees_anything(scene: Scene) -> bool:
     )
 
 
+def sees_nearer(scene: Scene, depth: float) -> bool:
+    """Return True if the view pyramid contains a part of a triangle or sphere that is nearer than `depth`.
+
+    depth : along the view axis of a perspective camera
+
+    Spheres count as a whole if their nearest point is nearer. Planes and streams do not count.
+    """
+    camera = scene.camera
+    forward = camera.frame()[2]
+    extent = np.linalg.norm(forward @ scene.spheres[:, :, :3], axis=1)
+    spheres = scene.spheres[(scene.spheres[:, :, 3] - camera.position) @ forward - extent < depth]
+    return _sees_spheres(camera, spheres) or any(
+        sees_triangles(camera, _nearer_parts(chunk, (chunk - camera.position) @ forward - depth))
+        for part in _triangles(scene)
+        for chunk in _chunks(part)
+    )
+
+
+def _nearer_parts(triangles: Float64, height: Float64) -> Float64:
+    """Return triangles (N, 3, 3) that cover the parts of triangles (T, 3, 3) with negative heights.
+
+    height : (T, 3) signed distance of each corner from a plane
+    """
+    order = np.argsort(height, axis=1)
+    height = np.take_along_axis(height, order, axis=1)
+    triangles = np.take_along_axis(triangles, order[:, :, None], axis=1)
+    below = (height < 0).sum(axis=1)
+
+    def crossing(which: NDArray[np.bool_], low: int, high: int) -> Float64:
+        share = (height[which, low] / (height[which, low] - height[which, high]))[:, None]
+        return np.asarray((1 - share) * triangles[which, low] + share * triangles[which, high])
+
+    one, two = below == 1, below == 2
+    a, b = triangles[two, 0], triangles[two, 1]
+    across = crossing(two, 1, 2)
+    return np.concatenate(
+        [
+            triangles[below == 3],
+            np.stack([triangles[one, 0], crossing(one, 0, 1), crossing(one, 0, 2)], axis=1),
+            np.stack([a, b, across], axis=1),
+            np.stack([a, across, crossing(two, 0, 2)], axis=1),
+        ]
+    )
+
+
 def _seen_by_parallel_rays(camera: Camera, scene: Scene) -> bool:
     """Return True if parallel rays hit a plane, or the box in camera axes around a triangle or sphere."""
     axes = np.stack(camera.frame())

@@ -1363,6 +1363,19 @@ def test_clipping_planes_that_cut_off_shapes_in_mitsuba_warn(
     assert read(path)[1] == ([] if message is None else [f"{path}: {message}."])
 
 
+@pytest.mark.parametrize(("near", "warned"), [(33.0, False), (34.5, True)])
+def test_a_near_plane_that_cuts_off_only_what_is_out_of_view_does_not_warn(
+    near: float, warned: bool, tmp_path: Path
+) -> None:
+    """A floor 9 below the camera is in view from a depth of 9 / tan(15 degrees) = 33.6 on."""
+    camera = f"""<sensor type="perspective"><float name="near_clip" value="{near}"/><float name="fov" value="30"/>
+    <string name="fov_axis" value="y"/>
+    <transform name="to_world"><lookat origin="0, 0, 5" target="0, 0, 0" up="0, 1, 0"/></transform></sensor>"""
+    floor = """<shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="100"/>
+    <translate y="-9"/></transform></shape>"""
+    assert bool(read(file(tmp_path, camera, '<emitter type="constant"/>', floor))[1]) == warned
+
+
 def test_an_orthographic_picture_may_be_stretched(tmp_path: Path) -> None:
     """The rays of Mitsuba's own camera, through some positions of the picture."""
     camera = """<sensor type="orthographic"><transform name="to_world"><scale x="2" y="0.7"/>

@@ -362,3 +362,36 @@ def test_what_validate_and_render_warn_of_is_the_same():
     assert check_scene(load_scene("furnace", {"reflectance": 1}))[0] in run(
         "validate", "furnace", "-D", "reflectance=1"
     )
+
+
+def test_parts_in_view_before_a_plane_are_those_that_rays_find():
+    rng = np.random.default_rng(7)
+    rays = np.stack(np.meshgrid(*[np.linspace(-1, 1, 201)] * 2), axis=-1).reshape(-1, 2) * np.tan(np.radians(20))
+    rays = np.column_stack([rays, -np.ones(len(rays))])
+    found = []
+    for _ in range(200):
+        corners = rng.normal(size=(3, 3)) * [2, 2, 3] + [0, 0, 2]
+        (triangle,) = (
+            scene_from_dict(
+                {
+                    "camera": {"position": [0, 0, 5], "target": [0, 0, 0], "fov": 40},
+                    "film": {"resolution": [8, 8]},
+                    "shapes": [{"type": "mesh", "vertices": corners, "faces": [[0, 1, 2]]}],
+                    "sky": {"zenith": 1.0},
+                }
+            ),
+        )
+        a, b, c = triangle.triangles[0] - triangle.camera.position
+        normal = np.cross(b - a, c - a)
+        with np.errstate(divide="ignore"):
+            depth = (normal @ a) / (rays @ normal)
+        points = depth[:, None] * rays
+        within = np.all([np.cross(q - p, points - p) @ normal >= 0 for p, q in ((a, b), (b, c), (c, a))], axis=0)
+        nearest = depth[within & (depth > 0)].min(initial=np.inf)
+        if np.isfinite(nearest):
+            found.append(nearest)
+            assert sight.sees_nearer(triangle, 1.001 * nearest)
+            assert not sight.sees_nearer(triangle, 0.8 * nearest)
+        else:
+            assert not sight.sees_anything(triangle) or depth[within].size == 0
+    assert len(found) > 40

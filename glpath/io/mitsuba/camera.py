@@ -13,7 +13,8 @@ from glpath.io.mitsuba.document import error_of_kind
 from glpath.io.mitsuba.plugin import Plugin
 from glpath.io.transform import mirrors
 from glpath.scene.camera import Camera
-from glpath.scene.geometry import Float64
+from glpath.scene.model import Scene
+from glpath.scene.sight import sees_nearer
 from glpath.scene.source_location import shown
 
 _KINDS = dict.fromkeys(("perspective", "thinlens", "orthographic"))
@@ -34,16 +35,15 @@ class Clips(NamedTuple):
     far: float = 1e4
 
 
-def clipping_notes(clips: Clips, camera: Camera, lower: Float64, upper: Float64) -> list[str]:
-    """Return notes on clipping planes that cut off a part of the scene in Mitsuba.
-
-    lower, upper : (3,) corners of the scene's bounding box
-    """
+def clipping_notes(clips: Clips, scene: Scene) -> list[str]:
+    """Return notes on clipping planes that cut off a part of the scene in Mitsuba."""
+    camera, (lower, upper) = scene.camera, scene.bounds
     corners = np.stack(np.meshgrid(*np.transpose([lower, upper]), indexing="ij"), axis=-1).reshape(-1, 3)
     axis = (camera.target - camera.position) / np.linalg.norm(camera.target - camera.position)
     depths = (corners - camera.position) @ axis
     notes = []
-    if clips.near > max(float(depths.min()), _NEGLIGIBLE * float(np.linalg.norm(upper - lower))):
+    reaches = clips.near > max(float(depths.min()), _NEGLIGIBLE * float(np.linalg.norm(upper - lower)))
+    if reaches and (camera.projection != "perspective" or sees_nearer(scene, clips.near)):
         notes.append(f"`near_clip` is not read: what is nearer than {clips.near:g} is visible")
     if clips.far < depths.max():
         notes.append(f"`far_clip` is not read: what is farther than {clips.far:g} is visible")

@@ -86,7 +86,7 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
     )
     if camera is not None:
         check_camera(scene.camera, location)
-        for note in clipping_notes(clips, camera, *scene.bounds):
+        for note in clipping_notes(clips, scene):
             warn(f"{path}: {note}.")
         if up != "guess":
             raise location.field("up").error(
