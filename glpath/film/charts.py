@@ -6,7 +6,8 @@ is needed. The colours can be distinguished by colour-blind readers (Okabe and I
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,6 +36,17 @@ MARGIN = 16
 _LONGER = 480
 
 
+@contextmanager
+def _default_settings() -> Iterator[None]:
+    """Context with matplotlib's defaults, so that a `matplotlibrc` in the current folder has no effect."""
+    require_matplotlib()
+    import matplotlib.style
+
+    with matplotlib.style.context("default"):
+        yield
+
+
+@_default_settings()
 def field(
     title: str,
     caption: str,
@@ -50,7 +62,6 @@ def field(
     labels : labels of the horizontal and of the vertical axis
     unit   : unit of the values
     """
-    require_matplotlib()
     from matplotlib.ticker import MaxNLocator
 
     left_of_map, right_of_map, below_map = 78, 110, 52

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import ClassVar, Self
 
 from glpath.errors import ImageError
-from glpath.system.files import reason_of, remove_parts, rescued
+from glpath.system.files import reason_of, remove_parts, rescued, special_kind
 from glpath.system.locks import Lock, Locked
 
 log = logging.getLogger("glpath")
@@ -60,7 +60,12 @@ class CheckpointFile(Locked):
         self._lock = Lock(self.path, self.holder)
 
     def __enter__(self) -> Self:
-        """Lock the file. Raises ImageError for a symbolic link that is not an output of the command."""
+        """Lock the file.
+
+        Raises ImageError for a pipe, device or socket, and for a symbolic link that is no output of the command.
+        """
+        if kind := special_kind(self.path):
+            raise ImageError(f"{self.path}: is {kind}, where a checkpoint must be a file.", "Name a file.")
         if os.path.islink(self.path) and not self.is_output:
             raise ImageError(
                 f"{self.path}: is a symbolic link; a checkpoint is a file of its own, replaced and removed.",
@@ -107,7 +112,9 @@ class CheckpointFile(Locked):
         return self.failure is None
 
     def remove(self) -> None:
-        """Remove the file if it exists. Raises ImageError if it cannot be removed."""
+        """Remove the file or link if it exists. Raises ImageError if it is of another kind or cannot be removed."""
+        if not os.path.islink(self.path) and (kind := special_kind(self.path)):
+            raise ImageError(f"{self.path}: is {kind}, and is not removed.", "Name a file as the checkpoint.")
         try:
             self.path.unlink(missing_ok=True)
         except OSError as error:

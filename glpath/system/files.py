@@ -281,6 +281,14 @@ def _unreadable_kind(mode: int) -> str:
     return "a socket" if stat.S_ISSOCK(mode) else "a folder" if stat.S_ISDIR(mode) else ""
 
 
+def special_kind(path: str | Path) -> str:
+    """Return what a path is if it is neither file nor folder, such as "a device" or "a pipe"; otherwise ""."""
+    mode = _mode(path)
+    if stat.S_ISDIR(mode):
+        return ""
+    return "a pipe" if stat.S_ISFIFO(mode) else _unreadable_kind(mode)
+
+
 def _refused(path: str | Path, kind: str) -> OSError:
     if kind == "a folder":
         return IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))

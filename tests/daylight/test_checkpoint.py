@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from pathlib import Path
 from typing import Any
@@ -85,6 +86,17 @@ def test_checkpoint_that_is_a_link_is_refused(kind: type[CheckpointFile], exists
         pass
     kind(link).remove()
     assert (link.is_symlink(), target.exists()) == (False, exists)
+
+
+@pytest.mark.parametrize("kind", [DaylightCheckpoint, SolverCheckpoint, Checkpoint])
+def test_checkpoint_that_is_a_pipe_is_refused_and_stays(kind: type[CheckpointFile], tmp_path: Path) -> None:
+    pipe = tmp_path / "part"
+    os.mkfifo(pipe)
+    with pytest.raises(ImageError, match="part: is a pipe, where a checkpoint must be a file"), kind(pipe):
+        pass
+    with pytest.raises(ImageError, match="part: is a pipe, and is not removed"):
+        kind(pipe).remove()
+    assert pipe.is_fifo()
 
 
 @pytest.mark.parametrize("size", [0, 1, 60])
