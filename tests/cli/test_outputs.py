@@ -587,6 +587,12 @@ def test_a_mistake_on_standard_input_is_named() -> None:
     assert run("info", "-", "-D", "radiance=1", stdin=SCENE).exit_code == 2
 
 
+def test_model_on_standard_input_is_told_that_it_needs_a_suffix() -> None:
+    result = run("info", "-", stdin="v 0 0 0\n")
+    assert result.exit_code == 1
+    assert "is read as a scene file. Save a model in a file with its suffix." in result.stderr
+
+
 @pytest.mark.parametrize("text", [b"", b"film = "])
 @pytest.mark.parametrize("named", [False, True])
 def test_a_silent_pipe_ends_with_the_time_limit(text: bytes, named: bool, tmp_path: Path) -> None:
