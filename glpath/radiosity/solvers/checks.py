@@ -34,7 +34,7 @@ _COUNTS = {
     "max_steps": (1, 2**53),
     "particles": (1, 2**53),
     "emitter_samples": (1, max(_SAMPLES)),
-    "receiver_points": (1, 2**53),
+    "receiver_points": (1, 1024),
     "seed": (0, 2**63 - 1),
 }
 
@@ -50,7 +50,7 @@ def check_options(options: Mapping[str, Any]) -> None:
     if o["emitter_samples"] not in _SAMPLES:
         raise UsageError(f"emitter_samples: {o['emitter_samples']}; allowed are {', '.join(map(str, _SAMPLES))}")
     if math.isqrt(o["receiver_points"]) ** 2 != o["receiver_points"]:
-        raise UsageError(f"receiver_points: {o['receiver_points']}; allowed are 1, 4, 9, 16, ...")
+        raise UsageError(f"receiver_points: {o['receiver_points']}; allowed are 1, 4, 9, 16, ..., 1024")
     if o["patches"] is not None and o["size"] is not None:
         raise UsageError("solve_radiosity: patches and size contradict each other.", "Give one of them.")
     for name, above, max_value in (("size", 0.0, math.inf), ("threshold", 0.0, math.inf), ("unshot", 0.0, 1.0)):

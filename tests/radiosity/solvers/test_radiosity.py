@@ -433,6 +433,7 @@ def test_a_matrix_that_does_not_fit_is_refused(lit_box, monkeypatch):
         ({"form_factors": "analytic"}, "allowed are polygon, disc"),
         ({"emitter_samples": 5}, "allowed are 1, 4, 9, 16, 25"),
         ({"receiver_points": 3}, "allowed are 1, 4, 9"),
+        ({"receiver_points": 1_000_000}, "receiver_points: 1000000 where a whole number from 1 to 1024"),
         ({"splits": -1}, "whole number from 0"),
         ({"patches": 0}, "whole number from 1"),
         ({"patches": 10, "size": 1.0}, "contradict"),
