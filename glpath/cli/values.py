@@ -37,9 +37,10 @@ def numbers(
     """
     try:
         found = [kind(part) for part in text.split(separator)]
-    except ValueError:
-        found = []
-    if len(found) not in counts or not all(map(math.isfinite, found)):
+        finite = all(map(math.isfinite, found))
+    except (ValueError, OverflowError):  # OverflowError for an integer that no float holds
+        found, finite = [], False
+    if len(found) not in counts or not finite:
         raise UsageError(f"{option} {text}: expected {form} in finite numbers.")
     return found
 

@@ -68,6 +68,8 @@ def test_other_numbers_are_within_reason(given: str, tmp_path: Path) -> None:
         "lightmap cornell-box -o a.glb --texels 1e-300",
         "lightmap cornell-box -o a.glb --texels 1e308",
         "radiosity cornell-box-36 -o a.npz --splits 1000",
+        f"probes cornell-box -o a.json --grid {MANY}x1x1",
+        f"radiosity cornell-box-36 -o a.npz --shaft clump={MANY}",
         f"radiosity cornell-box-36 -o a.npz --patches {MANY}",
         "radiosity cornell-box-36 -o a.npz --seed -1",
         "daylight cornell-box -o a.npz --points p.csv --seed -1",
