@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from glpath.errors import UsageError
 from glpath.radiosity.shafts.shaft import Strategy
-from glpath.system.arguments import short_repr
+from glpath.system.arguments import checked, short_repr
 from glpath.system.suggestions import similar_names
 
 StrategyName = Literal["no shaft", "keep closed", "always open", "overlap open", "ratio open"]
@@ -30,6 +30,9 @@ ORDERS: dict[OrderName, int] = {"found": 0, "largest first": 1, "last occluder f
 
 
 LARGEST_FIRST, LAST_OCCLUDER_FIRST = 1, 2
+
+# Largest count that the kernels can compare with, as int64.
+_MAX_COUNT = (1 << 63) - 1
 
 
 @dataclass(frozen=True)
@@ -108,10 +111,14 @@ class ShaftOptions:
                     f"ShaftOptions.{name} is {short_repr(getattr(self, name))}; allowed are {', '.join(allowed)}."
                 )
         for name in ("clump", "group", "longest", "no_shaft_below", "keep_closed_below"):
-            if getattr(self, name) < 0:
-                raise UsageError(f"ShaftOptions.{name} is {getattr(self, name)}; allowed are whole numbers from 0.")
+            if not 0 <= getattr(self, name) <= _MAX_COUNT:
+                raise UsageError(
+                    f"ShaftOptions.{name} is {getattr(self, name)}; allowed are whole numbers from 0 to 2^63 - 1."
+                )
         if not 0 <= self.ratio <= 1:
             raise UsageError(f"ShaftOptions.ratio is {self.ratio}; allowed are 0 to 1.")
+        if self.min_cut is not None and not self.min_cut >= 0:
+            raise UsageError(f"ShaftOptions.min_cut is {self.min_cut}; allowed are numbers from 0, and None.")
 
     @classmethod
     def of_words(cls, words: Sequence[str]) -> ShaftOptions:
@@ -136,6 +143,9 @@ class ShaftOptions:
             made = replace(made, **{name: _value_of(name, value)})
         return made
 
+
+# Values of a wrong type would reach the kernels, where a float instead of an int ends the process.
+ShaftOptions.__init__ = checked(ShaftOptions.__init__)  # type: ignore[method-assign]
 
 _KINDS: Mapping[str, Any] = {f.name: f.type for f in fields(ShaftOptions)}
 _TRUTHS = {"yes": True, "true": True, "no": False, "false": False}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -269,13 +270,40 @@ def test_points_far_beyond_the_occluders_are_refused() -> None:
         visible(soup(3, 1, 1), [[0, 0]], [[1, 0, 0]])
 
 
-def test_wrong_options_are_refused() -> None:
-    with pytest.raises(UsageError, match="strategy is 'open'"):
-        ShaftOptions(strategy="open")  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="ratio is 2"):
-        ShaftOptions(ratio=2)
-    with pytest.raises(UsageError, match="clump is -1"):
-        ShaftOptions(clump=-1)
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"strategy": "open"}, "strategy is 'open'"),
+        ({"strategy": ["ratio open"]}, "strategy: "),
+        ({"order": []}, "order: "),
+        ({"ratio": 2}, "ratio is 2"),
+        ({"ratio": "x"}, "ratio: 'x'"),
+        ({"clump": -1}, "clump is -1"),
+        ({"clump": float("nan")}, "clump: nan"),
+        ({"clump": 1.5}, "clump: 1.5"),
+        ({"clump": 2**63}, "clump is 9223372036854775808"),
+        ({"clump": 10**400}, "clump: an integer of 401 digits"),
+        ({"group": None}, "group: None"),
+        ({"longest": "5"}, "longest: '5'"),
+        ({"nested": "no"}, "nested: 'no'"),
+        ({"min_cut": "x"}, "min_cut: 'x'"),
+        ({"min_cut": float("nan")}, "min_cut is nan"),
+        ({"min_cut": -0.1}, "min_cut is -0.1"),
+    ],
+)
+def test_wrong_options_are_refused(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        ShaftOptions(**wrong)
+    with pytest.raises(UsageError, match=message):
+        replace(PAPER, **wrong)
+
+
+def test_options_take_numbers_of_numpy_and_an_infinite_minimum_cut() -> None:
+    options = ShaftOptions(clump=np.int64(3), nested=np.bool_(False))  # type: ignore[arg-type]
+    assert options == ShaftOptions(clump=3, nested=False)
+    assert ShaftOptions.of_words(["min_cut=inf"]).min_cut == np.inf
+    with pytest.raises(UsageError, match="min_cut is nan"):
+        ShaftOptions.of_words(["min_cut=nan"])
 
 
 def test_nobody_and_nothing() -> None:
