@@ -558,31 +558,36 @@ class _Shapes:
         the backs inside such a mesh and show the surfaces behind them. Here, one-sided backs would be black.
         """
         surfaces = self.surfaces.surfaces
-        seen: dict[int, list[_Group]] = {}  # by surface index
+        seen: dict[int, dict[_Group, None]] = {}  # by surface index; the keys are groups in order
         for groups in self.wholes.values():
             clear = [group for group in groups.values() if self._is_see_through(group)]
             if not clear:
                 continue
             if len(groups) > 1 and self._is_solid(*(group.mesh for group in groups.values())):
-                clear = [group for group in groups.values() if group in clear or not self._is_solid(group.mesh)]
+                always = set(clear)
+                clear = [group for group in groups.values() if group in always or not self._is_solid(group.mesh)]
             else:
                 clear = [group for group in clear if self._is_solid(group.mesh)]
             for group in clear:
                 material = surfaces[group.surface].material
-                if (
-                    not material.two_sided
-                    and material.transmission == 0
-                    and group not in seen.get(group.surface, ())
-                ):
-                    seen.setdefault(group.surface, []).append(group)
+                if not material.two_sided and material.transmission == 0:
+                    seen.setdefault(group.surface, {})[group] = None
+        by_surface = self._groups_by_surface() if seen else {}
         for number, groups_of in seen.items():
             lit = replace(surfaces[number], material=replace(surfaces[number].material, two_sided=True))
-            if all(group in groups_of for group in self.groups.values() if group.surface == number):
+            if len(groups_of) == len(by_surface[number]):
                 surfaces[number] = lit
                 continue
             surfaces.append(lit)
             for group in groups_of:
                 group.surface = len(surfaces) - 1
+
+    def _groups_by_surface(self) -> dict[int, list[_Group]]:
+        """Return the groups of each surface that has any, by surface index."""
+        by_surface: dict[int, list[_Group]] = {}
+        for group in self.groups.values():
+            by_surface.setdefault(group.surface, []).append(group)
+        return by_surface
 
     def _is_see_through(self, group: _Group) -> bool:
         material = self.surfaces.surfaces[group.surface].material
@@ -605,11 +610,11 @@ class _Shapes:
         eyes : positions of cameras
         """
         surfaces = self.surfaces.surfaces
-        for number, surface in enumerate(surfaces):
+        for number, groups in self._groups_by_surface().items():
+            surface = surfaces[number]
             material = surface.material
             if material.two_sided or material.transmission > 0:
                 continue
-            groups = [group for group in self.groups.values() if group.surface == number]
             if not all(self._is_solid(group.mesh) and not group.encloses(eyes) for group in groups):
                 surfaces[number] = replace(surface, material=replace(material, culled=True))
 
