@@ -85,17 +85,20 @@ def summarize(scene: Scene) -> dict[str, Any]:
             }
             for texture in scene.textures
         ],
-        "lights": about_lights(scene),
+        "lights": about_lights(scene, areas),
         "ambient": scene.ambient.tolist(),
         "sky": _about_sky(scene.sky),
         "warnings": check_scene(scene),
     }
 
 
-def about_lights(scene: Scene) -> list[dict[str, Any]]:
-    """Return name, kind, power (see `summarize`) and other data of shapes that emit, then of punctual lights."""
+def about_lights(scene: Scene, areas: list[float | None] | None = None) -> list[dict[str, Any]]:
+    """Return name, kind, power (see `summarize`) and other data of shapes that emit, then of punctual lights.
+
+    areas : area of each shape, see `_areas`; None if they are not computed yet
+    """
     found = []
-    for shape, area in zip(scene.shapes, _areas(scene), strict=True):
+    for shape, area in zip(scene.shapes, _areas(scene) if areas is None else areas, strict=True):
         if shape.emits:
             sides = 2 if shape.emission_two_sided else 1
             power = None if area is None else (np.pi * area * sides * shape.emission).tolist()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -34,7 +34,7 @@ from glpath.scene.source_location import coordinates
 from glpath.system.files import write_bytes
 from glpath.system.terminal import clean_console, say, say_json
 
-# Maximum rows in the table of shapes, because a scene can have thousands.
+# Maximum rows in a table of shapes, materials, textures or lights, because a scene can have thousands.
 _SHOWN = 40
 
 
@@ -234,7 +234,7 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
             overview.add_row(label, escape(value))
 
     shapes = _table("Shapes", "name", "kind", "triangles", "spheres", "area", "material", "emission")
-    for shape in summary["shapes"][:_SHOWN]:
+    for shape in _first(summary["shapes"], shapes):
         row = (
             shape["name"],
             shape["kind"],
@@ -245,13 +245,11 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
             _colour(shape["emission"]),
         )
         shapes.add_row(*map(escape, row))
-    if len(summary["shapes"]) > _SHOWN:
-        shapes.add_row(f"... {len(summary['shapes']) - _SHOWN:,} more (--json lists all)")
 
     materials = _table(
         "Materials", "name", "reflectance", "texture", "specular", "exponent", "mirror", "what it is"
     )
-    for material in summary["materials"]:
+    for material in _first(summary["materials"], materials):
         row = (
             material["name"],
             _numbers(material["reflectance"]),
@@ -266,15 +264,22 @@ def _tables(summary: dict[str, Any]) -> list[Table]:
     tables = [overview, shapes, materials]
     if summary["textures"]:
         textures = _table("Textures", "name", "pixels", "repeats per unit", "filter")
-        for texture in summary["textures"]:
+        for texture in _first(summary["textures"], textures):
             size, scale = "{} x {}".format(*texture["size"]), "{:g} x {:g}".format(*texture["scale"])
             textures.add_row(escape(texture["name"]), size, scale, texture["filter"])
         tables.append(textures)
     lights = _table("Lights", "name", "kind", f"power ({symbol(unit, 'power')} for metres)", "")
-    for light in summary["lights"]:
+    for light in _first(summary["lights"], lights):
         power = "-" if light["power"] is None else _numbers(light["power"])
         lights.add_row(*map(escape, (light["name"], light["kind"], power, _described(light, unit))))
     return [*tables, lights]
+
+
+def _first(items: list[dict[str, Any]], table: Table) -> Iterator[dict[str, Any]]:
+    """Yield the first `_SHOWN` items, then add a row with the number of the others, if any, to the table."""
+    yield from items[:_SHOWN]
+    if len(items) > _SHOWN:
+        table.add_row(f"... {len(items) - _SHOWN:,} more (--json lists all)")
 
 
 def _parameters(summary: dict[str, Any]) -> list[Table]:

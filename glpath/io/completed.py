@@ -16,7 +16,7 @@ from glpath.io.up_axis import Up, axis_vector, evidence_for_z
 from glpath.scene.camera import framing, upright_from_world
 from glpath.scene.emitted import emitted_radiance
 from glpath.scene.model import Camera, Float64, Scene, Shape, Sky
-from glpath.scene.sight import enclosing, winding_number
+from glpath.scene.sight import enclosing_spheres, winding_number
 from glpath.scene.source_location import shown
 from glpath.scene.studio import ground_below, nearest_axis, studio
 
@@ -150,7 +150,7 @@ def _camera_inside(scene: Scene, up: Float64) -> Camera | None:
         eye = middle + 0.5 * _FROM_MIDDLE * np.array([corner[0], 0.0, corner[1]]) * (upper - lower)
         eye[1] = height
         at = eye @ upright
-        around = float(enclosing(scene, at)[scene.shapes.primitive_shape("sphere")].sum())
+        around = float(enclosing_spheres(scene, at)[scene.shapes.primitive_shape("sphere")].sum())
         if around + winding_number(scene.triangles, at) <= -_CLOSED:
             target = np.array([middle[0], lower[1] + _TARGET * (upper - lower)[1], middle[2]])
             return replace(scene.camera, position=at, target=target @ upright, up=up, fov=_FOV)

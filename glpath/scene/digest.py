@@ -8,6 +8,8 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -61,14 +63,12 @@ def _add(value: object, update: _Update) -> None:
     elif value is None:
         update(b"none")
     elif is_dataclass(value):
-        kind = type(value).__name__
-        update(f"dataclass {kind} ".encode())
-        for field in fields(value):
-            own = getattr(value, field.name)
-            is_default = not isinstance(own, np.ndarray) and own == field.default
-            absent = field.name in LATER.get(kind, ()) and is_default
-            if field.name not in UNSEEN.get(kind, ()) and not absent:
-                update(f"field {field.name} ".encode())
+        kind: Any = type(value)
+        update(f"dataclass {kind.__name__} ".encode())
+        for name, prefix, is_later, default in _hashed_fields(kind):
+            own = getattr(value, name)
+            if not is_later or isinstance(own, np.ndarray) or own != default:
+                update(prefix)
                 _add(own, update)
     elif isinstance(value, str):
         update(f"text {len(value)} {value}".encode())
@@ -80,7 +80,7 @@ def _add(value: object, update: _Update) -> None:
     elif isinstance(value, np.ndarray):
         kept = value.dtype == np.uint8  # images are hashed without conversion, because they are large
         dtype = value.dtype if kept else np.dtype("<f8" if value.dtype.kind == "f" else "<i8")
-        update(f"array {dtype} {value.shape} ".encode())
+        update(f"array {_dtype_name(dtype)} {value.shape} ".encode())
         flat = np.ascontiguousarray(value).reshape(-1)
         for start in range(0, len(flat), _BLOCK):  # in blocks, because a converted copy may be large
             update(flat[start : start + _BLOCK].astype(dtype, copy=False).tobytes())
@@ -88,3 +88,19 @@ def _add(value: object, update: _Update) -> None:
         update(b"number" + np.array(value, "<f8").tobytes())
     else:
         raise TypeError(f"no digest of a {type(value).__name__}")
+
+
+@cache
+def _hashed_fields(kind: type[Any]) -> tuple[tuple[str, bytes, bool, object], ...]:
+    """Return name, prefix in the digest, membership in `LATER`, and default value of each field that is hashed."""
+    later, unseen = LATER.get(kind.__name__, ()), UNSEEN.get(kind.__name__, ())
+    return tuple(
+        (field.name, f"field {field.name} ".encode(), field.name in later, field.default)
+        for field in fields(kind)
+        if field.name not in unseen
+    )
+
+
+@cache
+def _dtype_name(dtype: np.dtype[Any]) -> str:
+    return str(dtype)

@@ -193,14 +193,22 @@ def _triangles(scene: Scene) -> Iterator[Float64]:
             yield from scene.shapes.triangles_of(index)
 
 
-def _about(scene: Scene, index: int, point: Float64, margin: float = 0.0) -> Iterator[Float64]:
-    """Yield a shape's triangles in chunks.
+def _about(scene: Scene, point: Float64, margin: float = 0.0) -> Iterator[tuple[int, Iterator[Float64]]]:
+    """Yield the index and the triangles, in chunks, of each shape whose box, widened by `margin`, contains a point.
 
-    If the scene has many triangles, only those instances are included whose box, widened by `margin`, contains the
-    point. A point that only several instances together enclose may then be missed.
+    If the scene has many triangles, only those instances are included whose box contains the point. A point that
+    only several instances together enclose may then be missed.
     """
+    indices = _shapes_about(scene, point, margin).tolist()
+    are_many = bool(indices) and _are_many(scene)
+    for index in indices:
+        yield index, _triangles_about(scene, index, are_many, point, margin)
+
+
+def _triangles_about(scene: Scene, index: int, are_many: bool, point: Float64, margin: float) -> Iterator[Float64]:
+    """Yield a shape's triangles in chunks; see `_about`."""
     shape = scene.shapes[index]
-    if not _are_many(scene):
+    if not are_many:
         yield from _chunks(scene.triangles[scene.shapes.ranges[index]])
     elif isinstance(shape.geometry, Mesh):
         lower, upper = instance_boxes(shape.geometry, shape.world_from_object)
@@ -271,9 +279,9 @@ def touched_shape(scene: Scene) -> Shape | None:
     away, gradient = _from_surface(scene.spheres[about], eye)
     if (hits := about[np.abs(away) <= margin * gradient]).size:
         return owner("sphere", hits[0])
-    for index in _shapes_about(scene, eye, 2 * margin):
-        if any(_touched_triangles(part - eye, margin).size for part in _about(scene, index, eye, 2 * margin)):
-            return scene.shapes[int(index)]
+    for index, triangles in _about(scene, eye, 2 * margin):
+        if any(_touched_triangles(part - eye, margin).size for part in triangles):
+            return scene.shapes[index]
     return None
 
 
@@ -301,14 +309,21 @@ def enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
 
     For triangles this is the winding number.
     """
+    around = enclosing_spheres(scene, point)
+    for index, triangles in _about(scene, point):
+        turns = sum(winding_number(part, point) for part in triangles)
+        around[index] = round(turns) if abs(turns - round(turns)) < 1e-3 else 0
+    return around
+
+
+def enclosing_spheres(scene: Scene, point: Float64) -> NDArray[np.int64]:
+    """Return `enclosing` for spheres; 0 for shapes of triangles."""
     around = np.zeros(len(scene.shapes), np.int64)
     about = np.flatnonzero(_near_spheres(scene.spheres, point))
     within = about[_from_surface(scene.spheres[about], point)[0] < 0]
-    sign = np.sign(np.linalg.det(scene.spheres[within, :, :3])).astype(np.int64)
-    around[scene.shapes.primitive_shape("sphere")[within]] = sign
-    for index in _shapes_about(scene, point):
-        turns = sum(winding_number(part, point) for part in _about(scene, index, point))
-        around[index] = round(turns) if abs(turns - round(turns)) < 1e-3 else 0
+    if len(within):
+        sign = np.sign(np.linalg.det(scene.spheres[within, :, :3])).astype(np.int64)
+        around[scene.shapes.primitive_shape("sphere")[within]] = sign
     return around
 
 

@@ -284,6 +284,22 @@ def test_names_of_a_scene_are_no_markup(tmp_path: Path) -> None:
     assert "a[red]:bell:.toml" in run("validate", path).stdout
 
 
+def test_info_lists_the_first_forty_materials_and_lights(tmp_path: Path) -> None:
+    path = tmp_path / "many.toml"
+    materials = "".join(f"[materials.m{i}]\n" for i in range(45))
+    shapes = "".join(
+        f'[[shapes]]\ntype = "sphere"\ncenter = [{i}, 0, 0]\nradius = 0.1\nmaterial = "m{i}"\n' for i in range(45)
+    )
+    lights = '[[lights]]\ntype = "point"\nposition = [0, 9, 0]\nintensity = 1\n' * 60
+    path.write_text(f"camera = {{ position = [0, 0, 9], target = [0, 0, 0] }}\n{materials}{shapes}{lights}")
+    told = run("info", path)
+    assert told.exit_code == 0, told.output
+    text = " ".join(told.stdout.split())
+    assert text.count("5 more (--json lists all)") == 2
+    assert text.count("20 more (--json lists all)") == 1
+    assert len(json.loads(run("info", path, "--json").stdout)["lights"]) == 60
+
+
 def test_python_dash_m_glpath_is_glpath() -> None:
     command = [sys.executable, "-m", "glpath", "--version"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)

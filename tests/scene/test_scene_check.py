@@ -395,3 +395,16 @@ def test_parts_in_view_before_a_plane_are_those_that_rays_find():
         else:
             assert not sight.sees_anything(triangle) or depth[within].size == 0
     assert len(found) > 40
+
+
+def test_shapes_around_a_point_are_counted_once_not_once_per_shape(monkeypatch: pytest.MonkeyPatch):
+    box = {"type": "box", "min": [-1, -1, -1], "max": [1, 1, 1]}
+    boxes = scene_from_dict(
+        {"camera": {"position": [0, 0, 5], "target": [0, 0, 0]}, "shapes": [box] * 40, "ambient": 1}
+    )
+    calls = []
+    are_many = sight._are_many
+    monkeypatch.setattr(sight, "_are_many", lambda scene: calls.append(scene) or are_many(scene))
+    assert sight.enclosing(boxes, np.zeros(3)).tolist() == [1] * 40
+    assert len(calls) == 1
+    assert sight.enclosing_spheres(boxes, np.zeros(3)).tolist() == [0] * 40

@@ -207,10 +207,8 @@ class NodePaths:
         """Return the (K, 3, 4) transforms of a node; None if it does not move."""
         return self.world[:, node, :3] if self.moving[node] else None
 
-    def bend(self, node: int, joints: Sequence[int]) -> bool:
-        """Return True if a node's mesh deforms, by weights of morph targets or by joints of its skin."""
-        if any(self.of(joint) is not None for joint in joints):
-            return True
+    def bends(self, node: int) -> bool:
+        """Return True if a node's mesh deforms by weights of morph targets."""
         weights = [pose[node]["weights"] for pose in self.poses if "weights" in pose.get(node, {})]
         return any(not np.array_equal(weights[0], each) for each in weights)
 
@@ -306,6 +304,7 @@ class _Shapes:
         self.surfaces = surfaces
         self.primitives = Primitives(accessors)
         self.skins: dict[int, Skin] = {}
+        self.joints_move: dict[int, bool] = {}  # by skin index
         self.solid: dict[tuple[Mesh, ...], bool] = {}
         self.turned: dict[Mesh, Mesh] = {}
         self.flat: dict[tuple[Mesh, bytes], Mesh] = {}  # flattened meshes, by original mesh and axis
@@ -364,9 +363,7 @@ class _Shapes:
         values = self.nodes.tables.values[index]
         if "mesh" not in values or not _OF_ITS_OWN.isdisjoint(values) or "weights" in self.poses.get(index, ()):
             return None
-        if self._flat[index] or (
-            self.paths is not None and (self.paths.moving[index] or self.paths.bend(index, []))
-        ):
+        if self._flat[index] or (self.paths is not None and (self.paths.moving[index] or self.paths.bends(index))):
             return None
         number: int | None = self.nodes.tables[index].index("mesh", self.document.all("meshes"), "meshes")
         return number
@@ -433,7 +430,7 @@ class _Shapes:
         skin = self._skin(node)
         primitives = mesh.tables("primitives")
         name = mesh.name(node.name(f"mesh-{number}"))
-        if self.paths is not None and self.paths.bend(index, self._joints(node)):
+        if self.paths is not None and (self._joints_move(node) or self.paths.bends(index)):
             self.bent.append(name)
         # The joints of a skin give world positions, so glTF ignores the transform of the node with the mesh.
         maps = instances(node, world, self.accessors) if skin is None else np.eye(3, 4)[None]
@@ -463,11 +460,16 @@ class _Shapes:
             self.skins[index] = skin_of(skins[index], self.nodes.world, self.accessors)
         return self.skins[index]
 
-    def _joints(self, node: Table) -> list[int]:
-        """Return the joints of a node's skin as node indices; an empty list if the node has no skin."""
+    def _joints_move(self, node: Table) -> bool:
+        """Return True if a node has a skin of which a joint moves while the shutter is open."""
         skins = self.document.all("skins")
         index = node.index("skin", skins, "skins")
-        return [] if index is None else skins[index].indices("joints", self.nodes.tables, "nodes")
+        if index is None or self.paths is None:
+            return False
+        if index not in self.joints_move:
+            joints = skins[index].indices("joints", self.nodes.tables, "nodes")
+            self.joints_move[index] = bool(self.paths.moving[joints].any())
+        return self.joints_move[index]
 
     def _add_shape(self, name: str, mesh: Mesh, surface: int, maps: Float64, primitive: Table, node: int) -> None:
         """Add instances of a mesh with the transforms `maps` (N, 3, 4) from mesh to world space.
@@ -558,31 +560,36 @@ class _Shapes:
         the backs inside such a mesh and show the surfaces behind them. Here, one-sided backs would be black.
         """
         surfaces = self.surfaces.surfaces
-        seen: dict[int, list[_Group]] = {}  # by surface index
+        seen: dict[int, dict[_Group, None]] = {}  # by surface index; the keys are groups in order
         for groups in self.wholes.values():
             clear = [group for group in groups.values() if self._is_see_through(group)]
             if not clear:
                 continue
             if len(groups) > 1 and self._is_solid(*(group.mesh for group in groups.values())):
-                clear = [group for group in groups.values() if group in clear or not self._is_solid(group.mesh)]
+                always = set(clear)
+                clear = [group for group in groups.values() if group in always or not self._is_solid(group.mesh)]
             else:
                 clear = [group for group in clear if self._is_solid(group.mesh)]
             for group in clear:
                 material = surfaces[group.surface].material
-                if (
-                    not material.two_sided
-                    and material.transmission == 0
-                    and group not in seen.get(group.surface, ())
-                ):
-                    seen.setdefault(group.surface, []).append(group)
+                if not material.two_sided and material.transmission == 0:
+                    seen.setdefault(group.surface, {})[group] = None
+        by_surface = self._groups_by_surface() if seen else {}
         for number, groups_of in seen.items():
             lit = replace(surfaces[number], material=replace(surfaces[number].material, two_sided=True))
-            if all(group in groups_of for group in self.groups.values() if group.surface == number):
+            if len(groups_of) == len(by_surface[number]):
                 surfaces[number] = lit
                 continue
             surfaces.append(lit)
             for group in groups_of:
                 group.surface = len(surfaces) - 1
+
+    def _groups_by_surface(self) -> dict[int, list[_Group]]:
+        """Return the groups of each surface that has any, by surface index."""
+        by_surface: dict[int, list[_Group]] = {}
+        for group in self.groups.values():
+            by_surface.setdefault(group.surface, []).append(group)
+        return by_surface
 
     def _is_see_through(self, group: _Group) -> bool:
         material = self.surfaces.surfaces[group.surface].material
@@ -605,11 +612,11 @@ class _Shapes:
         eyes : positions of cameras
         """
         surfaces = self.surfaces.surfaces
-        for number, surface in enumerate(surfaces):
+        for number, groups in self._groups_by_surface().items():
+            surface = surfaces[number]
             material = surface.material
             if material.two_sided or material.transmission > 0:
                 continue
-            groups = [group for group in self.groups.values() if group.surface == number]
             if not all(self._is_solid(group.mesh) and not group.encloses(eyes) for group in groups):
                 surfaces[number] = replace(surface, material=replace(material, culled=True))
 

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from glpath import SceneWarning
 from glpath.io.gltf import Model, read_gltf
+from glpath.io.gltf.table import Table
 from glpath.scene.model import Mesh, Shapes
 from glpath.scene.tessellate import box_mesh
 from tests.support.gltf_files import TRIANGLE, Gltf
@@ -346,6 +347,27 @@ def test_two_joints_carry_the_vertices_that_are_bound_to_them(tmp_path: Path) ->
     shapes = Shapes(read(file, tmp_path).shapes)
     np.testing.assert_allclose(shapes.triangles[0], np.add(TRIANGLE, [[0, 0, 0], [0, 0, 3], [0, 0, 1.5]]))
     np.testing.assert_allclose(shapes.vertex_normals, [[0, 0, 1]] * 3)
+
+
+def test_joints_of_a_skin_are_read_once_for_all_its_nodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = Gltf()
+    mesh = file.mesh(WEIGHTS_0=[[1, 0, 0, 0]] * 3)
+    attributes = file.json["meshes"][mesh]["primitives"][0]["attributes"]
+    attributes["JOINTS_0"] = file.accessor([[0, 0, 0, 0]] * 3, "uint8")
+    joint = file.node()
+    skin = file.add("skins", joints=[joint] * 9)
+    for _ in range(30):
+        file.node(mesh=mesh, skin=skin)
+    sampler = {"input": file.accessor([0.0, 1.0]), "output": file.accessor([[0, 0, 0], [1, 0, 0]])}
+    channel = {"sampler": 0, "target": {"node": joint, "path": "translation"}}
+    file.add("animations", samplers=[sampler], channels=[channel])
+    fields, indices = [], Table.indices
+    monkeypatch.setattr(
+        Table, "indices", lambda self, name, *rest: fields.append(name) or indices(self, name, *rest)
+    )
+    model = read(file, tmp_path, time=0.0, shutter=0.5)
+    assert any("as it opens is mesh-0, mesh-0" in note for note in model.notes)
+    assert fields.count("joints") == 2  # for the transforms and for the motion
 
 
 def animated(path: str, interpolation: str, values: list[list[float]]) -> Gltf:

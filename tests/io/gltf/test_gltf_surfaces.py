@@ -13,7 +13,7 @@ import pytest
 
 from glpath.errors import SceneError, UsageError
 from glpath.film.image import decode_srgb
-from glpath.io.gltf import Model, read_gltf
+from glpath.io.gltf import Model, load, read_gltf
 from glpath.io.gltf.glossiness import metal_and_roughness
 from glpath.io.gltf.primitives import is_solid
 from glpath.scene.model import Material, Mesh, Texture, TextureSlot
@@ -299,6 +299,29 @@ def test_open_meshes_that_are_not_double_sided_have_no_backs(tmp_path: Path) -> 
     glass = {"KHR_materials_transmission": {"transmissionFactor": 1}}
     material, _ = the_material(tmp_path, doubleSided=False, extensions=glass)
     assert not material.culled
+
+
+@pytest.mark.parametrize("alpha", ["OPAQUE", "BLEND"])
+def test_search_for_visible_backs_is_linear_in_materials(
+    alpha: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, count, reads = Gltf(), 60, 0
+
+    class CountingGroup(load._Group):
+        def __getattribute__(self, name: str) -> Any:
+            nonlocal reads
+            reads += name == "surface"
+            return super().__getattribute__(name)
+
+    corners = np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    for _ in range(count):
+        glass = {"baseColorFactor": [1, 1, 1, 0.5]}
+        material = file.add("materials", pbrMetallicRoughness=glass, alphaMode=alpha)
+        file.node(mesh=file.mesh(corners, [0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3], material=material))
+    monkeypatch.setattr(load, "_Group", CountingGroup)
+    materials = read(file, tmp_path).materials
+    assert [each.two_sided for each in materials] == [alpha == "BLEND"] * count
+    assert reads <= 10 * count
 
 
 @pytest.mark.parametrize("inward", [False, True])
