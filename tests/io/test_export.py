@@ -719,6 +719,12 @@ def test_mistakes_are_explained_and_nothing_is_written(
     assert [path.name for path in tmp_path.iterdir()] == ["folder.glb"]
 
 
+def test_xml_whose_name_is_not_text_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(glpath.GlpathError, match="its name is not UTF-8 text"):
+        glpath.export("cornell-box-36", tmp_path / "a\udcff.xml")
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_xml_is_not_written_into_a_pipe(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.xml")
     with pytest.raises(UsageError, match="pipe"):

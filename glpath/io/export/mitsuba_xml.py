@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from glpath.errors import ImageError
 from glpath.film.image import encode_png, write_exr
 from glpath.io.export.mitsuba import MitsubaScene
 from glpath.io.export.mitsuba_surfaces import Plugin
@@ -44,8 +45,12 @@ _DIGITS = 8
 def write_xml(translated: MitsubaScene, path: Path) -> None:
     """Write the XML to `path`, and its meshes and images to a folder beside it: room_files for room.xml.
 
-    Raises ImageError.
+    Raises ImageError, also for a name that is not UTF-8, because the XML names the folder.
     """
+    try:
+        path.name.encode()
+    except UnicodeEncodeError as error:
+        raise ImageError(f"{path}: its name is not UTF-8 text, as names in XML are.", "Choose another.") from error
     folder = path.with_name(f"{path.stem}_files")
     writer = _Writer(folder)
     scene = ElementTree.Element("scene", version=_VERSION)
