@@ -309,6 +309,7 @@ class Shapes(tuple[Shape, ...]):
         """Corners (T, 3, 3) float64 of triangles in world space."""
         parts = []
         for _, mesh, m in self.mesh_instances():
+            check_time()
             vertices = placed(mesh.vertices, m)
             apart = 3 * len(mesh.faces) == len(vertices) and np.array_equal(mesh.faces, _apart(len(mesh.faces)))
             parts.append(vertices.reshape(-1, 3, 3) if apart else vertices[mesh.faces])

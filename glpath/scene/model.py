@@ -26,6 +26,7 @@ from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
 from glpath.scene.studio import ground_below, nearest_axis, studio
 from glpath.system.arguments import checked, short_repr
+from glpath.system.time_limit import check_time
 
 __all__ = [
     "Camera",
@@ -201,6 +202,7 @@ class Scene:
         areas = np.empty(len(self.triangles))
         # Areas are computed in chunks, because intermediate results take as much memory as the triangles.
         for part in (slice(start, start + _CHUNK) for start in range(0, len(areas), _CHUNK)):
+            check_time()
             areas[part] = triangle_areas(self.triangles[part])
         return areas
 

@@ -11,6 +11,7 @@ from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape, Shapes
 from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import unit_sphere, with_area, without_area
+from glpath.system.time_limit import check_time
 
 # Maximum number of triangles, about ten gigabytes on the device; more are probably a mistake.
 MAX_TRIANGLES = 2**27
@@ -66,6 +67,7 @@ def _moving(shape: Shape, opened: float, textured: bool, location: SourceLocatio
 
 def _tessellated(shape: Shape, textured: bool, location: SourceLocation) -> Shape:
     """Return the shape with instances of a shared icosphere instead of spheres."""
+    check_time()
     mesh, matrices = unit_sphere(shape.subdivisions, with_uv=textured), shape.world_from_object
     if (np.linalg.det(matrices[:, :, :3]) < 0).all():
         # Mesh and maps are both mirrored, so that a sphere with its front inside has the same triangles as one with
