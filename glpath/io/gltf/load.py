@@ -38,6 +38,7 @@ from glpath.scene.sight import winding_number
 from glpath.scene.sky import Environment
 from glpath.scene.source_location import shown
 from glpath.scene.tessellate import without_area
+from glpath.system.suggestions import listed_names
 from glpath.system.time_limit import check_time
 
 #: Entry that `glpath export` adds to a file's extras if one-sided materials of the scene have black backs.
@@ -230,7 +231,7 @@ def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: 
     for each in cameras:
         if each.name == wanted:
             return each
-    listed = ", ".join(f"{i} {shown(each.name)}" for i, each in enumerate(cameras)) or "no camera"
+    listed = listed_names(f"{i} {shown(each.name)}" for i, each in enumerate(cameras)) or "no camera"
     raise UsageError(f"{document.location} camera {shown(wanted)} was asked for, but the file has {listed}.")
 
 

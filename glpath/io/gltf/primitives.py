@@ -31,6 +31,7 @@ from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import without_area
+from glpath.system.suggestions import listed_names
 
 _MODES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip", 4: "triangles", 5: "strip", 6: "fan"}
 #: Note on points and lines, which are left out.
@@ -159,7 +160,9 @@ class Primitives:
                 continue
             location = ids.location.field(name)
             if number not in by_id:
-                raise location.error(f"is {number}, but the Draco data has {', '.join(map(str, by_id)) or 'none'}.")
+                raise location.error(
+                    f"is {number}, but the Draco data has {listed_names(map(str, by_id)) or 'none'}."
+                )
             stored = np.atleast_2d(by_id[number].T).T
             values = stored.astype(np.float64)
             if stored.dtype.kind != "f" and name in ("COLOR_0", "TEXCOORD_0", "TEXCOORD_1", "NORMAL"):

@@ -19,7 +19,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from glpath.errors import SceneError, SceneWarning
+from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.io.gltf.load import read_gltf
 from tests.support.damaged import write_jpeg_of_scans
 from tests.support.gltf_files import Gltf, glb
@@ -270,6 +270,20 @@ def test_instances_of_a_small_file_do_not_unfold_without_limit(
     error = str(refused(file.write(tmp_path)))
     assert f"nodes[{nodes[-1]}] brings the model, with all instances, to 1,000 triangles" in error
     assert "bytes may have 999." in error
+
+
+def test_errors_list_only_the_first_of_many_names(tmp_path: Path) -> None:
+    file = Gltf()
+    file.json["extensionsRequired"] = [f"X_{i}" for i in range(5_000)]
+    error = str(refused(file.write(tmp_path)))
+    assert "names X_0, X_1," in error
+    assert "X_19, ... (4,980 more), not known here." in error
+    file = Gltf().one_triangle()
+    for _ in range(500):
+        file.node(camera=file.add("cameras", type="perspective", perspective={"yfov": 0.7, "znear": 0.1}))
+    with pytest.raises(UsageError, match=r"\(480 more\)") as caught:
+        read_gltf(file.write(tmp_path), camera="none such")
+    assert len(str(caught.value)) < 2_000
 
 
 @pytest.mark.parametrize(("mode", "triangles"), [(0, 2 * 80 * 9), (3, 2 * 80 * 9 + 2 * 16 * 8)])
