@@ -30,6 +30,11 @@ ALWAYS_STROKE_TRIANGLES = 2**20
 #: Maximum number of triangles of all instances, or of all balls and rods, per byte of the file, for models that
 #: exceed ALWAYS_TRIANGLES or ALWAYS_STROKE_TRIANGLES.
 MAX_TRIANGLES_RATIO = 64
+#: Number of instances of primitives by nodes that every file may have, however small it is. They take 100 MB. If
+#: many nodes share a mesh of many primitives, each node has an instance of each primitive.
+ALWAYS_INSTANCES = 2**20
+#: Maximum number of instances of primitives by nodes per byte of the file, for models that exceed ALWAYS_INSTANCES.
+MAX_INSTANCES_RATIO = 1
 MAX_TEXTURE_SIDE = 16384
 MAX_TEXTURE_PIXELS = 2**26
 #: Maximum number of characters of a name; longer names are cut.

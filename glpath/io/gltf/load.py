@@ -317,7 +317,7 @@ class _Shapes:
         determinant, size = _stretch(nodes.world[:, :3, :3])
         self._flat = (~(np.abs(determinant) > _FLAT * size)).tolist()
         self._mirrored = (determinant < 0).tolist()
-        self.triangles = 0
+        self.triangles = self.instances = 0
         #: Maximum spacing of 32-bit floats at the vertices, and the bounding box of all shapes, world space.
         self.step, self.low, self.high = 0.0, np.full(3, np.inf), np.full(3, -np.inf)
         #: Names of meshes that deform while the shutter is open.
@@ -372,6 +372,7 @@ class _Shapes:
     def _add_plain(self, index: int, number: int) -> None:
         if number not in self.parts:
             self.parts[number] = self._parts(number)
+        self._count_instances(len(self.parts[number]), index)
         for part in self.parts[number]:
             self._count(len(part.mesh.faces), index)
             part.nodes.append(index)
@@ -407,6 +408,17 @@ class _Shapes:
         if mesh not in self.turned:
             self.turned[mesh] = mesh.turned()
         return self.turned[mesh]
+
+    def _count_instances(self, count: int, node: int) -> None:
+        """Count instances of primitives by a node. Raises SceneError if the total exceeds the limits."""
+        self.instances += count
+        allowed = max(limits.ALWAYS_INSTANCES, limits.MAX_INSTANCES_RATIO * self.document.stored)
+        if self.instances > allowed:
+            raise self.nodes.tables[node].location.error(
+                f"brings the model to {self.instances:,} instances of primitives, but files of "
+                f"{self.document.stored:,} bytes may have {allowed:,}.",
+                "Use fewer nodes, or join the primitives of their meshes.",
+            )
 
     def _count(self, triangles: int, node: int) -> None:
         """Count the triangles of a node's instances. Raises SceneError if the total exceeds the limits."""

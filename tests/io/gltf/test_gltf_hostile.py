@@ -272,6 +272,21 @@ def test_instances_of_a_small_file_do_not_unfold_without_limit(
     assert "bytes may have 999." in error
 
 
+def test_primitives_of_a_small_file_have_a_limited_number_of_instances(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = Gltf()
+    mesh = file.mesh()
+    file.json["meshes"][mesh]["primitives"] *= 10
+    nodes = [file.node(mesh=mesh) for _ in range(10)]
+    path = file.write(tmp_path)
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_INSTANCES_RATIO", 0)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_INSTANCES", 100)
+    assert sum(shape.count for shape in read_gltf(path).shapes) == 100
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_INSTANCES", 99)
+    assert f"nodes[{nodes[-1]}] brings the model to 100 instances of primitives" in str(refused(path))
+
+
 def test_errors_list_only_the_first_of_many_names(tmp_path: Path) -> None:
     file = Gltf()
     file.json["extensionsRequired"] = [f"X_{i}" for i in range(5_000)]
