@@ -26,7 +26,7 @@ from glpath.io.polygons import polygon_errors_at, split_faces, split_polygons, w
 from glpath.io.precision import step_at, warn_of_steps
 from glpath.io.stl import read_stl
 from glpath.io.stored_colours import colours_of_facets, linear
-from glpath.io.strokes import balls, line_radius, point_radius, rods
+from glpath.io.strokes import balls, line_radius, point_radius, rods, used_points
 from glpath.io.values import LARGEST, finite_rows, nearby_files, no_such_vertex, warn_of_left_out
 from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
@@ -316,8 +316,7 @@ def _strokes(path: Path, points: Float64, lines: NDArray[Any], colours: Float64 
         return []
     lines = lines[is_finite[lines].all(axis=1)]
     if len(lines):
-        used = np.unique(lines)
-        radius = line_radius(points[used])
+        radius = line_radius(points[used_points(len(points), lines)])
         made = rods(points, lines, radius)
         drawn = f"{len(lines):,} lines are drawn as rods"
     else:

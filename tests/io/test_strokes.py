@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glpath import SceneError, SceneWarning, load_scene
-from glpath.io.strokes import balls, point_radius, rods
+from glpath.io.strokes import ball_triangles, balls, point_radius, rod_triangles, rods
 from glpath.scene.model import Mesh
 
 CLOUD = """ply
@@ -102,7 +102,8 @@ def test_many_points_and_lines_have_few_triangles_with_their_fronts_outside():
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         assert np.all(np.einsum("fi,fi->f", across, normals[faces].sum(axis=1)) > 0)
         assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
-    assert len(balls(points, 0.5)[1]) == 8 * 30_000
+    assert len(balls(points, 0.5)[1]) == ball_triangles(30_000) == 8 * 30_000
+    assert rod_triangles(points, lines) == 8 * 29_999 + 8 * 30_000
     assert len(rods(points, lines, 0.5)[1]) == 8 * 29_999 + 8 * 30_000
 
 

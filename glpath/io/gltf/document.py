@@ -28,6 +28,7 @@ from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import read_bytes, reason_of
 from glpath.system.npz import UnfoldedPictures
+from glpath.system.suggestions import listed_names
 
 SUFFIXES = (".gltf", ".glb")
 #: Extensions that are read.
@@ -328,7 +329,7 @@ def _check_extensions(document: Document) -> None:
     unknown = [name for name in required if name not in KNOWN_EXTENSIONS and name not in UNUSED_EXTENSIONS]
     if unknown:
         raise root.location.field("extensionsRequired").error(
-            f"names {', '.join(map(printable, unknown[:20]))}, not known here.",
+            f"names {listed_names(map(printable, unknown))}, not known here.",
             "Export the file without it. Known: " + ", ".join(sorted(KNOWN_EXTENSIONS)) + ".",
         )
     names = dict.fromkeys([*used, *required])
@@ -336,7 +337,7 @@ def _check_extensions(document: Document) -> None:
         printable(name) for name in names if name not in KNOWN_EXTENSIONS and name not in UNUSED_EXTENSIONS
     )
     if others:
-        document.notes.add(f"The extension{'s' * (len(others) > 1)} {', '.join(others[:20])}.")
+        document.notes.add(f"The extension{'s' * (len(others) > 1)} {listed_names(others)}.")
     for name in names:
         if name in UNUSED_EXTENSIONS:
             document.notes.add(f"{UNUSED_EXTENSIONS[name][0].upper()}{UNUSED_EXTENSIONS[name][1:]} ({name}).")

@@ -24,8 +24,17 @@ MAX_DECODED_RATIO = 512
 MAX_TRIANGLES = 2**28
 #: Number of triangles of all instances that every file may have, however small it is. They take 1 GB.
 ALWAYS_TRIANGLES = 2**23
-#: Maximum number of triangles of all instances per byte of the file, for models that exceed ALWAYS_TRIANGLES.
+#: Number of triangles that balls and rods, which stand for points and lines, may have in every file. A point takes
+#: several bytes of a file, so only files of points that are not stored reach this limit.
+ALWAYS_STROKE_TRIANGLES = 2**20
+#: Maximum number of triangles of all instances, or of all balls and rods, per byte of the file, for models that
+#: exceed ALWAYS_TRIANGLES or ALWAYS_STROKE_TRIANGLES.
 MAX_TRIANGLES_RATIO = 64
+#: Number of instances of primitives by nodes that every file may have, however small it is. They take 100 MB. If
+#: many nodes share a mesh of many primitives, each node has an instance of each primitive.
+ALWAYS_INSTANCES = 2**20
+#: Maximum number of instances of primitives by nodes per byte of the file, for models that exceed ALWAYS_INSTANCES.
+MAX_INSTANCES_RATIO = 1
 MAX_TEXTURE_SIDE = 16384
 MAX_TEXTURE_PIXELS = 2**26
 #: Maximum number of characters of a name; longer names are cut.

@@ -38,6 +38,7 @@ from glpath.scene.sight import winding_number
 from glpath.scene.sky import Environment
 from glpath.scene.source_location import shown
 from glpath.scene.tessellate import without_area
+from glpath.system.suggestions import listed_names
 from glpath.system.time_limit import check_time
 
 #: Entry that `glpath export` adds to a file's extras if one-sided materials of the scene have black backs.
@@ -230,7 +231,7 @@ def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: 
     for each in cameras:
         if each.name == wanted:
             return each
-    listed = ", ".join(f"{i} {shown(each.name)}" for i, each in enumerate(cameras)) or "no camera"
+    listed = listed_names(f"{i} {shown(each.name)}" for i, each in enumerate(cameras)) or "no camera"
     raise UsageError(f"{document.location} camera {shown(wanted)} was asked for, but the file has {listed}.")
 
 
@@ -316,7 +317,7 @@ class _Shapes:
         determinant, size = _stretch(nodes.world[:, :3, :3])
         self._flat = (~(np.abs(determinant) > _FLAT * size)).tolist()
         self._mirrored = (determinant < 0).tolist()
-        self.triangles = 0
+        self.triangles = self.instances = 0
         #: Maximum spacing of 32-bit floats at the vertices, and the bounding box of all shapes, world space.
         self.step, self.low, self.high = 0.0, np.full(3, np.inf), np.full(3, -np.inf)
         #: Names of meshes that deform while the shutter is open.
@@ -371,6 +372,7 @@ class _Shapes:
     def _add_plain(self, index: int, number: int) -> None:
         if number not in self.parts:
             self.parts[number] = self._parts(number)
+        self._count_instances(len(self.parts[number]), index)
         for part in self.parts[number]:
             self._count(len(part.mesh.faces), index)
             part.nodes.append(index)
@@ -406,6 +408,17 @@ class _Shapes:
         if mesh not in self.turned:
             self.turned[mesh] = mesh.turned()
         return self.turned[mesh]
+
+    def _count_instances(self, count: int, node: int) -> None:
+        """Count instances of primitives by a node. Raises SceneError if the total exceeds the limits."""
+        self.instances += count
+        allowed = max(limits.ALWAYS_INSTANCES, limits.MAX_INSTANCES_RATIO * self.document.stored)
+        if self.instances > allowed:
+            raise self.nodes.tables[node].location.error(
+                f"brings the model to {self.instances:,} instances of primitives, but files of "
+                f"{self.document.stored:,} bytes may have {allowed:,}.",
+                "Use fewer nodes, or join the primitives of their meshes.",
+            )
 
     def _count(self, triangles: int, node: int) -> None:
         """Count the triangles of a node's instances. Raises SceneError if the total exceeds the limits."""

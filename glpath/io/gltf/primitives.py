@@ -15,13 +15,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.io.gltf import compression
+from glpath.io.gltf import compression, limits
 from glpath.io.gltf.accessors import OPTIONAL_ATTRIBUTES, Accessors
 from glpath.io.gltf.table import Table, Tables
-from glpath.io.strokes import balls, line_radius, point_radius, rods
+from glpath.io.strokes import (
+    ball_triangles,
+    balls,
+    line_radius,
+    point_radius,
+    rod_triangles,
+    rods,
+    used_points,
+)
 from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
+from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import without_area
+from glpath.system.suggestions import listed_names
 
 _MODES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip", 4: "triangles", 5: "strip", 6: "fan"}
 #: Note on points and lines, which are left out.
@@ -54,6 +64,7 @@ class Primitives:
     strokes: bool = False
     radii: list[float] = field(default_factory=list)
     _made: dict[tuple[object, ...], Mesh | None] = field(default_factory=dict)
+    _stroke_triangles: int = 0
 
     def mesh(self, primitive: Table, morph: Float64, uv_sets: frozenset[int]) -> Mesh | None:
         """Return a primitive as a morphed mesh; None if no triangle has an area.
@@ -149,7 +160,9 @@ class Primitives:
                 continue
             location = ids.location.field(name)
             if number not in by_id:
-                raise location.error(f"is {number}, but the Draco data has {', '.join(map(str, by_id)) or 'none'}.")
+                raise location.error(
+                    f"is {number}, but the Draco data has {listed_names(map(str, by_id)) or 'none'}."
+                )
             stored = np.atleast_2d(by_id[number].T).T
             values = stored.astype(np.float64)
             if stored.dtype.kind != "f" and name in ("COLOR_0", "TEXCOORD_0", "TEXCOORD_1", "NORMAL"):
@@ -217,7 +230,7 @@ class Primitives:
         if found["faces"].shape[1] < 3:
             if not len(found["faces"]):
                 return None
-            found = self._stroked(found)
+            found = self._stroked(found, location)
         vertices, faces = found["POSITION"], found["faces"]
         document.take(16 * len(vertices) * 12 + 24 * len(faces), location)
         uv: list[Float64 | None] = []
@@ -249,22 +262,37 @@ class Primitives:
             document.notes.add("Triangles without an area.")
         return mesh.without_faces(flat)
 
-    def _stroked(self, found: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    def _stroked(self, found: dict[str, NDArray[Any]], location: SourceLocation) -> dict[str, NDArray[Any]]:
         """Return the attributes of points or lines as attributes of balls or rods."""
         points, faces = found["POSITION"], found["faces"]
-        if faces.shape[1] == 1:
-            used = np.unique(faces)
+        used = used_points(len(points), faces)
+        is_points = faces.shape[1] == 1
+        self._count_strokes(ball_triangles(len(used)) if is_points else rod_triangles(points, faces), location)
+        if is_points:
             radius = point_radius(points[used])
             vertices, made, normals, of = balls(points[used], radius)
             of = used[of]
         else:
-            radius = line_radius(points[np.unique(faces)])
+            radius = line_radius(points[used])
             vertices, made, normals, of = rods(points, faces, radius)
         self.radii.append(radius)
         others = {
             name: values[of] for name, values in found.items() if name not in ("faces", "POSITION", "TANGENT")
         }
         return {**others, "POSITION": vertices, "NORMAL": normals, "faces": made}
+
+    def _count_strokes(self, triangles: int, location: SourceLocation) -> None:
+        """Count triangles of balls and rods that are about to be made. Raises SceneError above the limit."""
+        self._stroke_triangles += triangles
+        stored = self.accessors.document.stored
+        allowed = max(limits.ALWAYS_STROKE_TRIANGLES, limits.MAX_TRIANGLES_RATIO * stored)
+        allowed = min(allowed, limits.MAX_TRIANGLES)
+        if self._stroke_triangles > allowed:
+            raise location.error(
+                f"brings the points and lines, drawn as balls and rods, to {self._stroke_triangles:,} triangles, "
+                f"but files of {stored:,} bytes may have {allowed:,}.",
+                "Use fewer points and lines.",
+            )
 
     def _vertex_maps(self, primitive: Table, skin: Skin, count: int) -> Float64:
         """Return the (V, 3, 4) transforms from mesh to world space, weighted means of the joints' transforms."""

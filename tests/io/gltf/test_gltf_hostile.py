@@ -19,7 +19,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from glpath.errors import SceneError
+from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.io.gltf.load import read_gltf
 from tests.support.damaged import write_jpeg_of_scans
 from tests.support.gltf_files import Gltf, glb
@@ -270,6 +270,61 @@ def test_instances_of_a_small_file_do_not_unfold_without_limit(
     error = str(refused(file.write(tmp_path)))
     assert f"nodes[{nodes[-1]}] brings the model, with all instances, to 1,000 triangles" in error
     assert "bytes may have 999." in error
+
+
+def test_primitives_of_a_small_file_have_a_limited_number_of_instances(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = Gltf()
+    mesh = file.mesh()
+    file.json["meshes"][mesh]["primitives"] *= 10
+    nodes = [file.node(mesh=mesh) for _ in range(10)]
+    path = file.write(tmp_path)
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_INSTANCES_RATIO", 0)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_INSTANCES", 100)
+    assert sum(shape.count for shape in read_gltf(path).shapes) == 100
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_INSTANCES", 99)
+    assert f"nodes[{nodes[-1]}] brings the model to 100 instances of primitives" in str(refused(path))
+
+
+def test_errors_list_only_the_first_of_many_names(tmp_path: Path) -> None:
+    file = Gltf()
+    file.json["extensionsRequired"] = [f"X_{i}" for i in range(5_000)]
+    error = str(refused(file.write(tmp_path)))
+    assert "names X_0, X_1," in error
+    assert "X_19, ... (4,980 more), not known here." in error
+    file = Gltf().one_triangle()
+    for _ in range(500):
+        file.node(camera=file.add("cameras", type="perspective", perspective={"yfov": 0.7, "znear": 0.1}))
+    with pytest.raises(UsageError, match=r"\(480 more\)") as caught:
+        read_gltf(file.write(tmp_path), camera="none such")
+    assert len(str(caught.value)) < 2_000
+
+
+@pytest.mark.parametrize(("mode", "triangles"), [(0, 2 * 80 * 9), (3, 2 * 80 * 9 + 2 * 16 * 8)])
+def test_points_and_lines_of_a_small_file_are_counted_before_they_are_drawn(
+    mode: int, triangles: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = Gltf()
+    for shift in (0, 100):
+        file.node(mesh=file.mesh([[i + shift, 0, 0] for i in range(9)], mode=mode))
+    path = file.write(tmp_path)
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_TRIANGLES_RATIO", 0)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_STROKE_TRIANGLES", triangles)
+    with pytest.warns(SceneWarning, match="balls and rods"):
+        assert sum(len(shape.geometry.faces) for shape in read_gltf(path).shapes) == triangles
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_STROKE_TRIANGLES", triangles - 1)
+    error = str(refused(path))
+    assert (
+        f"meshes[1].primitives[0] brings the points and lines, drawn as balls and rods, to {triangles:,}" in error
+    )
+
+
+def test_points_that_a_file_does_not_store_are_limited(tmp_path: Path) -> None:
+    file = Gltf()
+    zeros = file.add("accessors", componentType=5126, count=400_000, type="VEC3")
+    file.node(mesh=file.add("meshes", primitives=[{"attributes": {"POSITION": zeros}, "mode": 0}]))
+    assert "to 3,200,000 triangles" in str(refused(file.write(tmp_path)))
 
 
 @pytest.mark.parametrize("module", ["meshopt", "DracoPy", "opengl_basisu"])
