@@ -30,6 +30,7 @@ from glpath.integrators.whitted_settings import TBufferSettings
 from glpath.rendering.options import options, settings_of
 from glpath.scene import Environment, Scene, path_traceable
 from glpath.scene.emitted import emitted_radiance
+from glpath.system.time_limit import preparing_scene
 
 #: Maximum number of triangles for a gather. For larger scenes, the radiosity solution takes longer than the image,
 #: most of all under a sky, to which each element casts rays. Processor seconds until an image looks clean, by paths
@@ -47,6 +48,7 @@ _IN_THIS_ORDER = (GatherSettings, PathSettings, PathBufferSettings, TBufferSetti
 _DEPTH_WITH_AMBIENT = 5
 
 
+@preparing_scene()
 def chosen(
     integrator: str | IntegratorSettings, given: Mapping[str, Any], scene: Scene, pixels: float = math.inf
 ) -> IntegratorSettings:

@@ -17,6 +17,7 @@ from glpath.errors import TimeLimitError
 from glpath.gl.ray_bvh import _items
 from glpath.radiosity.mesh.mesh import size_for_count, surfaces
 from glpath.radiosity.solvers.checks import check_solvable
+from glpath.rendering.choice import chosen
 from glpath.scene import Scene
 from glpath.system.time_limit import limited, named_work
 from tests.support.check_gaps import check_gaps, grid
@@ -78,6 +79,7 @@ def test_pieces_are_numbered_in_the_order_of_their_lowest_corners() -> None:
     [
         (lambda scene: Surfaces.of(scene, size=64), "finding the sides that get texels"),
         (lambda scene: glpath.solve_radiosity(scene, patches=8), "meshing the scene for its radiosity"),
+        (lambda scene: chosen("auto", {}, scene), "preparing the scene"),
     ],
 )
 def test_preparation_that_exceeds_the_limit_is_named(
