@@ -21,6 +21,7 @@ Limits:   2**20 origins a scan.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import moderngl
@@ -32,13 +33,14 @@ from glpath.errors import UsageError
 from glpath.gl.constants import DEPTH_BASE, INFINITE_DEPTH, MIN_NORMAL, NUMBER_BITS, PATH_LOST, PATH_MISSED
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.geometry_stream import Kept, StreamedScan, before_planes
+from glpath.gl.memory import MODERNGL, check_texture_size
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass
 from glpath.gl.program import Program, load_program
 from glpath.gl.program_parts import ProgramParts
 from glpath.gl.small_triangles import SmallTriangles, TriangleList, empty_words
 from glpath.gl.uniforms import vectors
-from glpath.system.arguments import short_repr
+from glpath.system.arguments import check_count, checked, short_repr
 
 MAX_PATHS = 1 << NUMBER_BITS
 #: Maximum bits of a triangle number that is packed with the depth into one 32-bit float. With more bits, the depth
@@ -138,6 +140,7 @@ class PathBuffer(Owner):
     `textures` and the uniforms of the scan that `scan_positions` returned.
     """
 
+    @partial(checked, namespace=MODERNGL)
     def __init__(
         self,
         gl: moderngl.Context,
@@ -149,6 +152,10 @@ class PathBuffer(Owner):
         skips_near: bool = False,
         occlusion: bool = False,
     ) -> None:
+        for name, size in (("paths", paths), ("cells", cells)):
+            if size is not None:
+                check_texture_size(gl, f"path-buffer: {name}", size)
+        check_count("path-buffer: views", views, 1, 2)
         if paths[0] * paths[1] > MAX_PATHS:
             raise UsageError(
                 f"path-buffer: {paths[0]} x {paths[1]} paths; one scan holds at most {MAX_PATHS}",
@@ -413,6 +420,7 @@ class PathBuffer(Owner):
             seen |= before_planes(lower, upper, planes, offsets)
         return seen
 
+    @checked
     def cast(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> Hits:
         """Return the exact nearest surface beyond each origin.
 
@@ -454,6 +462,7 @@ class PathBuffer(Owner):
         t[hit] = np.einsum("ij,ij->i", normals, corner - start[hit]) / np.einsum("ij,ij->i", normals, along)
         return Hits(triangle, t)
 
+    @checked
     def blocked(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> NDArray[np.bool_]:
         """Return (N,) bool, True if any surface lies beyond the origin, for a buffer made with `occlusion`.
 
@@ -494,6 +503,7 @@ class PathBuffer(Owner):
             round_ += 1
         return triangle
 
+    @checked
     def scan(self, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None = None) -> Cells:
         """Scan rays once, and return the contents of the buffer for inspection.
 
@@ -538,7 +548,10 @@ class PathBuffer(Owner):
         self, name: str, origins: ArrayLike, direction: ArrayLike, sign: ArrayLike | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Return checked origins (N, 3), unit direction (3,) and signs (N,). Raises UsageError."""
-        start = np.asarray(origins, np.float64).reshape(-1, 3)
+        start = np.asarray(origins, np.float64)
+        if start.size % 3:
+            raise UsageError(f"path-buffer: origins of shape {start.shape} where (N, 3) is needed")
+        start = start.reshape(-1, 3)
         n = len(start)
         columns, rows = self.paths
         if self.views != 1:
@@ -546,14 +559,18 @@ class PathBuffer(Owner):
         if n > columns * rows:
             raise UsageError(f"path-buffer: {n} origins for a buffer of {columns} x {rows} paths")
         d = np.asarray(direction, np.float64)
-        if d.shape != (3,) or not np.all(np.isfinite(d)) or not np.any(d):
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(d)
+        if d.shape != (3,) or not 0 < length < np.inf:
             raise UsageError(
                 f"path-buffer: direction {short_repr(d)}; three finite numbers, not all zero, are needed"
             )
         if not np.all(np.isfinite(start)):
             raise UsageError("path-buffer: an origin is not finite")
         sign = np.ones(n) if sign is None else np.sign(np.asarray(sign, np.float64))
-        return start, d / np.linalg.norm(d), sign
+        if sign.shape != (n,) or np.isnan(sign).any():
+            raise UsageError(f"path-buffer: sign of shape {sign.shape} where ({n},) numbers, no NaN, are needed")
+        return start, d / length, sign
 
     def _read_report(self, scan: Scan) -> NDArray[np.int32]:
         if self._report is None:

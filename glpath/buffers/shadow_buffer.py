@@ -17,7 +17,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from functools import partial
+from typing import NamedTuple, get_args
 
 import moderngl
 import numpy as np
@@ -40,10 +41,12 @@ from glpath.gl.clear import clear_integers
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.geometry_stream import of_chunks
+from glpath.gl.memory import MODERNGL
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Pass, largest_point
 from glpath.gl.program import load_program
 from glpath.scene.model import Float64
+from glpath.system.arguments import check_count, check_word, checked, short_repr
 
 #: Kinds of primitives, in the order in which `DeviceScene` numbers the primitives.
 KINDS = ("sphere", "ellipsoid", "triangle", "plane")
@@ -206,12 +209,21 @@ class PointShadowBuffer(Owner, ABC):
         """Mark every light's buffer as unfilled, to measure the time of filling."""
         self._keys = [None] * len(self._keys)
 
+    def _check_light(self, light: int) -> None:
+        check_count("shadow-buffer: light", light, 0, self.lights - 1)
+
+    @checked
     def fill(self, position: ArrayLike, light: int = 0) -> bool:
         """Fill the buffer of a light at `position` (3,) [TB III.E], unless its contents are current.
 
         Returns True if it was filled.
         """
         at = np.asarray(position, np.float64)
+        if at.shape != (3,) or not np.isfinite(at).all():
+            raise UsageError(
+                f"shadow-buffer: position {short_repr(position)} where three finite numbers are needed"
+            )
+        self._check_light(light)
         key = (*at.tolist(), self.objects.geometry_digest)
         if self._keys[light] == key:
             return False
@@ -281,8 +293,10 @@ class PointShadowBuffer(Owner, ABC):
             "shadow_tiles_across": self._across,
         }
 
+    @checked
     def defines(self, test: ShadowTest = "distance", taps: int = 1) -> dict[str, object]:
         """Return the defines of a program that includes point_shadow.glsl: test, and filter width in cells."""
+        check_word("shadow-buffer: test", test, get_args(ShadowTest))
         if not 1 <= taps <= min(MAX_TAPS, *self.cells):
             raise UsageError(
                 f"shadow filter of {taps} taps in a buffer of {self.cells[1]} x {self.cells[0]} cells; "
@@ -292,8 +306,10 @@ class PointShadowBuffer(Owner, ABC):
         chosen: dict[str, object] = {"SHADOW_TAPS": taps}
         return self._defines | chosen | ({"SHADOW_IDENTITY": 1} if test == "identity" else {})
 
+    @checked
     def read(self, light: int = 0) -> Entries:
         """Return the entries of a light's buffer as arrays. Waits for the device."""
+        self._check_light(light)
         columns, rows = self.cells
         across, up = self.faces
         x, y = light % self._across * self.tile[0], light // self._across * self.tile[1]
@@ -308,6 +324,7 @@ class PointShadowBuffer(Owner, ABC):
         t = tile(self._depth, 1)[..., 0] * np.float32(1 / DISTANCE_TO_DEPTH)
         return Entries(primitive, np.where(primitive < 0, np.float32(np.inf), t))
 
+    @checked
     def visibility(
         self,
         light: int,
@@ -325,7 +342,13 @@ class PointShadowBuffer(Owner, ABC):
 
         Returns (N,) float32 in [0, 1].
         """
+        self._check_light(light)
+        if np.ndim(positions) != 2 or np.shape(positions)[1] != 3:
+            raise UsageError(f"shadow-buffer: positions of shape {np.shape(positions)} where (N, 3) is needed")
         n = len(np.asarray(positions))
+        for name, given, shape in (("normals", normals, (n, 3)), ("objects", objects, (n,))):
+            if np.shape(given) not in (shape, shape[1:]):
+                raise UsageError(f"shadow-buffer: {name} of shape {np.shape(given)} where {shape} is needed")
         width = min(1024, max(n, 1))
         height = max(1, -(-n // width))
         tables = np.zeros((2, height * width, 4), np.float32)
@@ -355,6 +378,7 @@ class SphereShadowBuffer(PointShadowBuffer):
 
     shape = "sphere"
 
+    @partial(checked, namespace=MODERNGL)
     def __init__(
         self, gl: moderngl.Context, objects: DeviceScene, rows: int, columns: int, lights: int = 1
     ) -> None:
@@ -379,6 +403,7 @@ class CubeShadowBuffer(PointShadowBuffer):
 
     shape = "cube"
 
+    @partial(checked, namespace=MODERNGL)
     def __init__(self, gl: moderngl.Context, objects: DeviceScene, side: int, lights: int = 1) -> None:
         super().__init__(gl, objects, (side, side), (3, 2), lights)
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from functools import partial
 
 import moderngl
 import numpy as np
@@ -33,11 +34,13 @@ from glpath.gl.clear import clear_integers
 from glpath.gl.depth import DISTANCE_TO_DEPTH, float_depth_texture
 from glpath.gl.device_scene import DeviceScene
 from glpath.gl.geometry_stream import Kept, RecordPass, before_planes, of_chunks
+from glpath.gl.memory import MODERNGL, check_texture_size
 from glpath.gl.owner import Owner
 from glpath.gl.passes import Dispatch, Pass, largest_point
 from glpath.gl.program import Program, load_program
 from glpath.gl.program_parts import ProgramParts
 from glpath.scene.model import Camera
+from glpath.system.arguments import checked
 
 Uniforms = Mapping[str, object]
 
@@ -81,9 +84,11 @@ class EyeBuffer(Owner, ABC):
               the second has the bits of the primitive's t, scene units. At equal t the lowest number wins
     """
 
+    @partial(checked, namespace=MODERNGL)
     def __init__(
         self, gl: moderngl.Context, objects: DeviceScene, size: tuple[int, int], *, count_tests: bool = False
     ) -> None:
+        check_texture_size(gl, "size", size)
         self.gl = gl
         self.objects = objects
         self.size = size
@@ -98,6 +103,7 @@ class EyeBuffer(Owner, ABC):
     def fill(self, eye: Uniforms) -> None:
         """Find the first hit of every ray; `eye` comes from `gl.camera.eye_uniforms`."""
 
+    @checked
     def fill_from(self, camera: Camera) -> None:
         """Find the first hits of rays through a camera's pixel centres; its resolution must be the window's."""
         if camera.resolution != self.size:
@@ -204,6 +210,7 @@ class TBuffer(EyeBuffer):
               takes a test in every pixel.
     """
 
+    @partial(checked, namespace=MODERNGL)
     def __init__(
         self,
         gl: moderngl.Context,

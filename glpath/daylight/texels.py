@@ -62,6 +62,8 @@ class Texels:
     @classmethod
     def joined(cls, parts: Sequence[Texels]) -> Texels:
         """Return the texels of all parts in order. The parts must belong to one scene."""
+        if not len(parts):
+            raise UsageError("Texels.joined: no texels where one part at least is needed")
         corners = np.concatenate([part.corners for part in parts])
         return cls(corners, np.concatenate([part.shape for part in parts]), parts[0].shape_names)
 
@@ -84,7 +86,10 @@ class Texels:
 
     def mean(self, values: ArrayLike) -> Float64:
         """Return the area-weighted mean of values (N, ...) of the texels."""
-        return np.asarray(np.average(np.asarray(values, np.float64), axis=0, weights=self.areas))
+        given = np.asarray(values, np.float64)
+        if given.shape[:1] != (len(self),):
+            raise UsageError(f"mean: values of shape {given.shape}, but there are {len(self):,} texels.")
+        return np.asarray(np.average(given, axis=0, weights=self.areas))
 
     def to_vtk(self, values: Mapping[str, ArrayLike]) -> VtkMesh:
         """Return a VTK mesh of the texels with the given values.
@@ -114,8 +119,11 @@ class Texels:
         target = Path(path)
         if target.suffix.lower() != ".glb":
             raise UsageError(f"{path}: a model in false colours is written as .glb.", "For example city.glb.")
+        axis = np.asarray(up, np.float64)
+        if axis.shape != (3,) or not np.isfinite(axis).all() or not axis.any():
+            raise UsageError(f"to_glb: up is {short_repr(up)}; three finite numbers, not all zero, are needed.")
         facets = Facets(self.corners, quantity, np.asarray(values, np.float64), unit)
-        write_facets(facets, np.asarray(up, np.float64), target)
+        write_facets(facets, axis, target)
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays to store in a file; `read` is the inverse."""

@@ -59,6 +59,7 @@ from glpath.gl.opening import CollectingContext, Opened, no_gpu, open_best
 from glpath.gl.program import forget_programs
 from glpath.gl.signals import SignalsWait
 from glpath.gl.turns import Turns
+from glpath.system.arguments import checked
 from glpath.system.heartbeat import heartbeat
 from glpath.system.interactive import around_cells, in_cell
 
@@ -258,6 +259,7 @@ _lock = threading.RLock()
 _context: Context | None = None
 
 
+@checked
 def open_context(
     backend: str = "auto", device: int | None = None, require_gpu: bool = False, *, probe_first: bool = False
 ) -> Context:
@@ -292,6 +294,7 @@ def open_context(
         return _context
 
 
+@checked
 def get_context(
     backend: str = "auto", device: int | None = None, require_gpu: bool = False, *, probe_first: bool = False
 ) -> Context:

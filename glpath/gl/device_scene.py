@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 
 import moderngl
 import numpy as np
@@ -22,6 +22,7 @@ from glpath.errors import SceneError
 from glpath.gl.geometry_stream import GeometryStream
 from glpath.gl.instance_numbers import InstanceNumbers
 from glpath.gl.material_texels import material_variants
+from glpath.gl.memory import MODERNGL
 from glpath.gl.moving import MovingScene
 from glpath.gl.owner import Owner
 from glpath.gl.passes import TriangleIndices
@@ -45,6 +46,7 @@ from glpath.scene.appearance import has_colours
 from glpath.scene.digest import digest_of
 from glpath.scene.instances import InstancedScene
 from glpath.scene.model import Environment, Float64, Scene
+from glpath.system.arguments import checked
 
 #: Maximum of a primitive's number + 1. Of 32 bits, the T-buffer uses two for the certainty of an entry.
 MAX_PRIMITIVES = 2**30 - 2
@@ -75,6 +77,7 @@ class DeviceScene(Owner):
     Raises SceneError if the device cannot hold the scene.
     """
 
+    @partial(checked, namespace=MODERNGL)
     def __init__(
         self,
         gl: moderngl.Context,

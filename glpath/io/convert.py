@@ -20,6 +20,8 @@ def convert(value: Any, kind: Any, *, strict: bool = True) -> Any:
             return msgspec.convert(value, kind, strict=strict)
         except UnicodeEncodeError as error:
             raise msgspec.ValidationError("UTF-8 cannot encode its text") from error
+        except TypeError as error:  # msgspec takes some objects, such as ranges, for dictionaries
+            raise msgspec.ValidationError(f"a {type(value).__name__}, or a value in it, cannot be read") from error
 
 
 def decode_json(text: str | bytes, kind: Any) -> Any:

@@ -80,10 +80,22 @@ class RadiositySolution:
     leaf_size: NDArray[np.uint16] = field(default_factory=lambda: np.zeros(0, np.uint16))
 
     def __post_init__(self) -> None:
+        try:
+            self._complete()
+        except (TypeError, ValueError, OverflowError) as error:
+            raise UsageError(f"RadiositySolution: {error}.") from error
+
+    def _complete(self) -> None:
+        """Convert the fields to arrays. Raises TypeError, ValueError or OverflowError for wrong values."""
         put = object.__setattr__
+        for name in ("scene_hash", "method"):
+            if not isinstance(getattr(self, name), str):
+                raise TypeError(f"{name} is {short_repr(getattr(self, name))}, where text is needed")
         divisions = np.asarray(self.divisions)
-        if divisions.ndim != 1 or not np.all((divisions >= 1) & (divisions <= _MAX_DIVISIONS)):
-            raise ValueError(f"divisions must be (T,), each from 1 to {_MAX_DIVISIONS}")
+        if divisions.ndim != 1 or not np.all(
+            (divisions >= 1) & (divisions <= _MAX_DIVISIONS) & (divisions % 1 == 0)
+        ):
+            raise ValueError(f"divisions must be (T,), each a whole number from 1 to {_MAX_DIVISIONS}")
         put(self, "divisions", np.ascontiguousarray(divisions, np.int32))
         for name in ("elements", "vertices"):
             put(self, name, np.ascontiguousarray(getattr(self, name), np.float32))
@@ -152,19 +164,26 @@ class RadiositySolution:
 
         Raises UsageError for another mode or light, or a triangle that does not exist.
         """
-        t = np.atleast_1d(np.asarray(triangle, np.int64))
-        b = np.asarray(barycentric, np.float64).reshape(-1, 2)
-        side = np.broadcast_to(np.asarray(back, np.int64), t.shape)
+        t = np.atleast_1d(_whole_numbers("triangles", triangle, len(self.divisions)))
+        b = np.asarray(barycentric, np.float64)
+        side = _whole_numbers("back", back, 2)
+        if t.ndim != 1 or side.shape not in ((), (1,), t.shape):
+            raise UsageError(
+                f"RadiositySolution: triangle of shape {t.shape} and back of shape {side.shape}, where (N,) each, "
+                "or one number, are needed."
+            )
+        side = np.broadcast_to(side, t.shape)
+        if b.size % 2 or np.isnan(b).any() or not (len(t) == 1 or b.size in (2, 2 * len(t))):
+            raise UsageError(
+                f"RadiositySolution: barycentric of shape {b.shape}, where ({len(t)}, 2) numbers, no NaN, are "
+                "needed."
+            )
+        b = b.reshape(-1, 2)
         for name, value, allowed in (("mode", mode, get_args(Mode)), ("light", light, _PARTS)):
             if value not in allowed:
                 raise UsageError(
                     f"RadiositySolution: {name} {short_repr(value)}; allowed are {', '.join(allowed)}."
                 )
-        if len(t) and not (t.min() >= 0 and t.max() < len(self.divisions)):
-            raise UsageError(
-                f"RadiositySolution: triangles {t.min()} to {t.max()}, but there are {len(self.divisions)}."
-            )
-
         n = self.divisions[t].astype(np.int64)
         i, j, upper, fx, fy = lattice.locate(n, b[:, 0], b[:, 1])
         element = self.first_element[t] + lattice.element_index(n, i, j, upper)
@@ -196,7 +215,7 @@ class RadiositySolution:
         Other parameters and errors are those of `irradiance`.
         """
         arrived = self.irradiance(triangle, barycentric, back, mode)
-        triangles = path_traceable(scene.still())
+        triangles = self._triangles_of(scene)
         t, side = np.atleast_1d(np.asarray(triangle, np.int64)), np.asarray(back, np.int64)
         found = triangles.side_reflectance[side, t] * arrived
         through = Appearance(triangles).side_transmittance()
@@ -212,11 +231,18 @@ class RadiositySolution:
 
         scene : scene of this solution, which provides the reflectance; only `check_scene` verifies this
         """
-        triangles = path_traceable(scene.still())
+        triangles = self._triangles_of(scene)
         count = self.divisions.astype(np.int64) ** 2
         arrived = self.elements.sum(axis=0)
         through = np.repeat(Appearance(triangles).side_transmittance(), count, axis=1) * arrived
         return np.asarray(np.repeat(triangles.side_reflectance, count, axis=1) * arrived + through[::-1])
+
+    def _triangles_of(self, scene: Scene) -> Scene:
+        """Return the triangles of a scene. Raises SceneError if they are not as many as those of this solution."""
+        triangles = path_traceable(scene.still())
+        if len(triangles.triangles) != len(self.divisions):
+            self.check_scene(scene)
+        return triangles
 
     def check_scene(self, scene: Scene) -> None:
         """Raise SceneError unless this is a solution of `scene`; the camera may differ."""
@@ -315,13 +341,17 @@ class RadiositySolution:
             if [type(made_by.get(name)) for name in names] != list(names.values()):
                 raise ValueError(f"what made it is not {', '.join(names)}")
             sizes = stored.read("leaf_size", "u", (None,)) if "leaf_size" in stored else np.zeros(0, np.uint16)
-            solution = cls(
+            fields: dict[str, Any] = dict(
                 divisions=stored.read("divisions", "iu", (None,)),
                 elements=stored.read("elements", "f", (2, 2, None, 3)),
                 vertices=stored.read("vertices", "f", (2, 2, None, 3)),
                 leaf_size=sizes,
                 **{name: made_by[name] for name in names},
             )
+            try:
+                solution = cls(**fields)
+            except UsageError as error:
+                raise ValueError(error.message) from error
         if scene is not None:
             solution.check_scene(scene)
         return solution
@@ -331,6 +361,19 @@ class RadiositySolution:
             f"<RadiositySolution of {len(self.divisions)} triangles: {self.element_count} elements, "
             f"{self.method or 'unknown method'}>"
         )
+
+
+def _whole_numbers(name: str, given: ArrayLike, count: int) -> NDArray[np.int64]:
+    """Return whole numbers as int64. Raises UsageError for other numbers, or if one is not from 0 to count - 1."""
+    values = np.asarray(given)
+    if values.dtype.kind not in "iufb" and values.size:
+        raise UsageError(f"RadiositySolution: {name} of type {values.dtype}, where whole numbers are needed.")
+    with np.errstate(invalid="ignore"):
+        wrong = ~((values >= 0) & (values < count) & (values == np.floor(values)))
+    if wrong.any():
+        found = short_repr(values[wrong].flat[0].item())
+        raise UsageError(f"RadiositySolution: {name} {found}, but whole numbers from 0 to {count - 1} are allowed.")
+    return values.astype(np.int64)
 
 
 def check_suffix(path: str | Path) -> Path:

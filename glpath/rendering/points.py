@@ -45,6 +45,8 @@ Receiver = Literal["plane", "cylinder"]
 #: harmonic 32 of a clamped cosine is 2 / (32^2 - 1). The number is a power of two, so path sets use each direction
 #: equally often.
 _AROUND = 32
+# Maximum number of axes of a grid of points.
+_MAX_AXES = 9
 
 
 @checked
@@ -97,7 +99,12 @@ class Irradiance:
         `glpath.rendering.uniformity` describes the estimate used instead, and its errors.
         """
         lux = luminance(self.film.radiance_sums).reshape(len(self.film.radiance_sums), -1)[:, : self.count]
-        chosen = lux if which is None else lux[:, which]
+        mask = np.ones(self.count, np.bool_) if which is None else np.asarray(which)
+        if mask.shape != (self.count,) or mask.dtype != np.bool_:
+            raise UsageError(
+                f"spread: which of shape {mask.shape} and type {mask.dtype}, where ({self.count},) bool are needed"
+            )
+        chosen = lux if which is None else lux[:, mask]
         if not chosen.shape[1]:
             raise UsageError("spread: of no points at all.", "Give `which` one True at least.")
         return spread_of(conversion(self.unit, "photometric") * np.pi * chosen, self.film.batch_counts)
@@ -120,10 +127,19 @@ class Irradiance:
 
         Raises GlpathError if xarray is missing, UsageError for a shape of another number of points.
         """
-        size = (self.count,) if shape is None else tuple(shape)
+        size: tuple[Any, ...] = (self.count,) if shape is None else tuple(shape)
+        if not all(isinstance(each, int | np.integer) and each > 0 for each in size) or len(size) > _MAX_AXES:
+            raise UsageError(
+                f"to_xarray: a shape of {size} where 1 to {_MAX_AXES} whole numbers from 1 are needed",
+                "For a grid of points, that is (rows, columns).",
+            )
         if math.prod(size) != self.count:
             raise UsageError(f"to_xarray: a grid of {size} has {math.prod(size):,} points, not {self.count:,}.")
-        at = ("point",) if shape is None else ("row", "column", *(f"axis{i}" for i in range(2, 9)))[: len(size)]
+        at = (
+            ("point",)
+            if shape is None
+            else ("row", "column", *(f"axis{i}" for i in range(2, _MAX_AXES)))[: len(size)]
+        )
         coordinates: dict[str, Any] = {"channel": ["red", "green", "blue"]}
         if points is not None:
             columns = self._checked(points).T

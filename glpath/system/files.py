@@ -501,9 +501,16 @@ def short_name(before: str, stem: str, after: str) -> str:
 
 
 def real_path(path: str | Path) -> Path:
-    """Return the absolute path with links resolved. Raises ImageError if `path` is relative to a deleted folder."""
+    """Return the absolute path with links resolved. Raises ImageError for characters that no path has.
+
+    Also raises ImageError if `path` is relative to a deleted folder.
+    """
     try:
         return Path(os.path.realpath(path))
+    except ValueError as error:  # the name contains a NUL or a surrogate
+        raise ImageError(
+            f"{path}: is no path, because it contains a character that no file name has.", "Name another file."
+        ) from error
     except FileNotFoundError as error:
         raise ImageError(
             f"{path}: the current folder was deleted, so a path in it leads nowhere.",
@@ -515,7 +522,7 @@ def _mode(path: str | Path) -> int:
     """Return `st_mode` of the file to which `path` leads; 0 if it does not exist."""
     try:
         return os.stat(path).st_mode
-    except OSError:
+    except (OSError, ValueError):  # ValueError: the name contains a NUL or a surrogate
         return 0
 
 

@@ -65,6 +65,8 @@ class Lock:
 
     def __init__(self, path: Path, what: str, first: int = 0, stop: int = 1) -> None:
         self._target = real_path(path)
+        if not self._target.name:
+            raise ImageError(f"{path}: is a folder, where a file is needed.", "Name a file in it.")
         self._path = path
         self._file = self._target.with_name(short_name(".", self._target.name, ".lock"))
         self._what = what

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import SceneError
+from glpath.errors import SceneError, UsageError
 from glpath.system.arguments import checked
 
 Float32 = NDArray[np.float32]
@@ -138,7 +138,9 @@ class HeightField:
 
     def grid_positions(self, points: Float64) -> Float64:
         """Return the column and the row (N, 2) of points (N, 2 or 3), as fractional numbers."""
-        return np.asarray((points[:, :2] - self.origin) / (self.spacing[0], -self.spacing[1]))
+        if np.ndim(points) != 2 or np.shape(points)[1] not in (2, 3):
+            raise UsageError(f"points: of shape {np.shape(points)} where (N, 2) or (N, 3) is needed")
+        return np.asarray((np.asarray(points)[:, :2] - self.origin) / (self.spacing[0], -self.spacing[1]))
 
     def heights_at(self, points: ArrayLike) -> Float64:
         """Return heights (N,) of the surface at points (N, 2 or 3); NaN outside the field and in holes."""

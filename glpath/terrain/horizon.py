@@ -78,6 +78,8 @@ class Horizon:
 
         It is 0 if no terrain is higher. The result is exact for the field's triangles.
         """
+        if not math.isfinite(azimuth):
+            raise UsageError(f"azimuth: {azimuth} where a finite number of degrees is needed")
         found = np.zeros(math.prod(self.shape), np.float32)
         gradient = self._gradient(math.radians(azimuth))
 
@@ -127,8 +129,8 @@ class Horizon:
         Raises GlpathError if xarray is missing, UsageError for another shape.
         """
         for name, each in values.items():
-            if np.shape(each) != self.shape:
-                raise UsageError(f"to_xarray: {name} is of shape {np.shape(each)}, results are of {self.shape}.")
+            if _shape_of(each) != self.shape:
+                raise UsageError(f"to_xarray: {name} is of shape {_shape_of(each)}, results are of {self.shape}.")
         attributes = {"crs": self.field.crs, "source": self.field.source}
         if self.points is None:
             x, y = self.field.coordinates()
@@ -358,6 +360,14 @@ def _points(points: ArrayLike, terrain: HeightField, height: float) -> Float64:
             late=True,
         )
     return given
+
+
+def _shape_of(values: Any) -> tuple[int, ...]:
+    """Return the shape of an array; (N,) for N lists of different lengths, which are no array."""
+    try:
+        return np.shape(values)
+    except ValueError:
+        return (len(values),)
 
 
 def _along(component: Any) -> Any:

@@ -94,8 +94,9 @@ def load_height_field(
     """
     if isinstance(source, HeightField):
         return source
+    at_corner = (0.0, 0.0) if origin is None else origin
     if not isinstance(source, str | Path):
-        return HeightField.of(source, 1.0 if spacing is None else spacing, origin or (0.0, 0.0), holes=holes)
+        return HeightField.of(source, 1.0 if spacing is None else spacing, at_corner, holes=holes)
     path = Path(source)
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
@@ -105,7 +106,7 @@ def load_height_field(
         )
     given: dict[str, Any] = {"holes": holes}
     if path.suffix.lower() == ".npy":
-        return _npy(path, spacing=1.0 if spacing is None else spacing, origin=origin or (0.0, 0.0), **given)
+        return _npy(path, spacing=1.0 if spacing is None else spacing, origin=at_corner, **given)
     for name, value in (("spacing", spacing), ("origin", origin)):
         if value is not None:
             raise SceneError(f"{path}: has a {name} of its own.", f"Leave {name} out.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 import glpath.buffers.path_buffer as path_buffer
 from glpath.buffers.path_buffer import PathBuffer
-from glpath.errors import UsageError
+from glpath.errors import ContextError, UsageError
 from glpath.gl import program as program_module
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
@@ -271,3 +272,56 @@ def test_a_scan_can_be_looked_at(encoding: str, split: str) -> None:
     np.testing.assert_allclose(cells.z0[rays][order], heights[own], atol=1e-5)
     np.testing.assert_array_equal(cells.triangle[rays][order], hits.triangle[own])
     np.testing.assert_allclose(cells.t[rays][order], hits.t[own], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"cells": (10**9, 10**9)}, "cells: .* from 1 to"),
+        ({"cells": (0, 0)}, "cells"),
+        ({"cells": (-1, -1)}, "cells"),
+        ({"cells": (2.5, 2)}, "cells"),
+        ({"cells": 5}, "cells"),
+        ({"paths": (0, 0)}, "paths"),
+        ({"paths": (10**9, 10**9)}, "paths"),
+        ({"paths": None}, "paths"),
+        ({"views": 0}, "views"),
+        ({"views": "x"}, "views"),
+        ({"records": 5}, "records"),
+        ({"scene": None}, "scene"),
+        ({"gl": None}, "gl"),
+    ],
+)
+def test_buffer_that_cannot_be_made_is_refused(arguments: dict[str, Any], message: str) -> None:
+    gl = get_context().gl
+    scene = DeviceScene(gl, load_scene("cornell-box-36"))
+    with pytest.raises(UsageError, match=message):
+        PathBuffer(**{"gl": gl, "scene": scene, "paths": (4, 4), **arguments})
+
+
+@pytest.mark.parametrize("size", [(10**9, 10**9), (-1, 1)])
+def test_texture_beyond_the_limits_of_the_device_is_refused(size: tuple[int, int]) -> None:
+    gl = get_context().gl
+    with pytest.raises(ContextError, match="this device allows"):
+        gl.texture(size, 4)
+    with pytest.raises(ContextError, match="this device allows"):
+        gl.texture_array((*size, 1), 4)
+
+
+@pytest.mark.parametrize(
+    ("rays", "message"),
+    [
+        (([0, 0], (0, 1, 0)), "origins of shape"),
+        (("x", (0, 1, 0)), "origins"),
+        (([[0, 0, 0]], "x"), "direction"),
+        (([[0, 0, 0]], (1e308, 1e308, 1e308)), "direction"),
+        (([[0, 0, 0]], (0, 1, 0), [1, 2]), "sign of shape"),
+        (([[0, 0, 0]], (0, 1, 0), [np.nan]), "sign of shape"),
+        (([[0, 0, 0]], (0, 1, 0), 1), "sign of shape"),
+    ],
+)
+def test_wrong_rays_are_refused(rays: tuple[Any, ...], message: str) -> None:
+    buffer = buffer_for(load_scene("cornell-box-36"), (4, 4), (4, 4))
+    for method in (buffer.cast, buffer.scan):
+        with pytest.raises(UsageError, match=message):
+            method(*rays)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -458,3 +458,35 @@ def test_hundreds_of_lights_are_each_their_own(kind: type[SphereShadowBuffer]) -
         np.testing.assert_array_equal(found, one.visibility(0, *places))
         shares.append(found)
     assert len(np.unique(shares, axis=0)) > 3
+
+
+@pytest.mark.parametrize(
+    ("method", "arguments", "message"),
+    [
+        ("fill", ("x",), "position"),
+        ("fill", ([0, 0],), "position"),
+        ("fill", ([0, 0, np.nan],), "position"),
+        ("fill", ([0, 0, 0], 1), "light"),
+        ("fill", ([0, 0, 0], -1), "light"),
+        ("read", (1,), "light"),
+        ("read", ("x",), "light"),
+        ("defines", ("x",), "test"),
+        ("defines", ("distance", "x"), "taps"),
+        ("visibility", (1, [[0, 0, 0]], [[0, 0, 1]], [0]), "light"),
+        ("visibility", (0, [[0, 0]], [[0, 0, 1]], [0]), "positions of shape"),
+        ("visibility", (0, [[0, 0, 0]], [[0, 0]], [0]), "normals of shape"),
+        ("visibility", (0, [[0, 0, 0]], [[0, 0, 1]], [0, 1]), "objects of shape"),
+    ],
+)
+def test_wrong_arguments_of_methods_are_refused(method: str, arguments: tuple[Any, ...], message: str) -> None:
+    gl = get_context().gl
+    buffer = CubeShadowBuffer(gl, DeviceScene(gl, stack()), 8)
+    with pytest.raises(UsageError, match=message):
+        getattr(buffer, method)(*arguments)
+
+
+@pytest.mark.parametrize("side", ["x", 2.5, -1, 10**9, 2**70])
+def test_wrong_size_of_a_face_is_refused(side: Any) -> None:
+    gl = get_context().gl
+    with pytest.raises(UsageError):
+        CubeShadowBuffer(gl, DeviceScene(gl, stack()), side)

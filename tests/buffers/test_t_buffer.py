@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -14,10 +15,12 @@ from numpy.typing import NDArray
 import glpath.gl.program as program
 from glpath.buffers import t_buffer
 from glpath.buffers.t_buffer import ClassicEye, EyeBuffer, TBuffer
+from glpath.errors import UsageError
 from glpath.gl import passes
 from glpath.gl.camera import eye_uniforms
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
+from glpath.io import load_scene
 from glpath.scene.model import Scene
 from tests.reference.numpy_ray_tracer import camera_rays, nearest
 from tests.support.objects import ball, camera, ground, rotation, scene_of
@@ -368,3 +371,20 @@ def test_the_classical_algorithm_in_many_draws_is_that_in_one(
         tests.append(buffer.take_tests())
     assert_all_equal(seen)
     assert tests == [96 * 64 * objects.count] * 3
+
+
+@pytest.mark.parametrize("size", [(0, 0), (-1, -1), (10**9, 10**9), None, ("a", "b"), (2.5, 2)])
+@pytest.mark.parametrize("kind", [ClassicEye, TBuffer])
+def test_window_that_no_texture_can_hold_is_refused(gl: moderngl.Context, kind: Any, size: Any) -> None:
+    with pytest.raises(UsageError, match="size: "):
+        kind(gl, DeviceScene(gl, load_scene("cornell-box-36")), size)
+
+
+@pytest.mark.parametrize("kind", [ClassicEye, TBuffer])
+def test_buffer_refuses_what_is_no_scene_and_no_camera(gl: moderngl.Context, kind: Any) -> None:
+    with pytest.raises(UsageError, match="objects: None"):
+        kind(gl, None, (8, 6))
+    with pytest.raises(UsageError, match="camera: None"):
+        kind(gl, DeviceScene(gl, load_scene("cornell-box-36")), (8, 6)).fill_from(None)
+    with pytest.raises(UsageError, match="scene: 'cornell-box-36'"):
+        DeviceScene(gl, "cornell-box-36")  # type: ignore[arg-type]

@@ -13,7 +13,7 @@ import pytest
 import glpath
 from glpath.daylight.merging import merge_coefficients
 from glpath.daylight.texels import Texels, texels
-from glpath.errors import SceneError, UsageError
+from glpath.errors import ImageError, SceneError, UsageError
 from tests.io.test_vtk import arrays
 
 SIZE = np.array([4.0, 3.0, 2.5])
@@ -145,3 +145,28 @@ def test_what_cannot_be_texels_is_refused(tmp_path: Path) -> None:
         at.to_vtk({"height": [1.0]})
     with pytest.raises(UsageError, match=r"written as \.glb"):
         at.to_glb(tmp_path / "a.obj", at.areas, quantity="height")
+
+
+@pytest.mark.parametrize("values", [5.0, [1.0, 2.0], "x", None])
+def test_mean_of_values_that_are_not_one_per_texel_is_refused(values: Any) -> None:
+    with pytest.raises(UsageError, match="values"):
+        texels("cornell-box-36", 1.0).mean(values)
+
+
+def test_no_parts_cannot_be_joined() -> None:
+    with pytest.raises(UsageError, match="no texels"):
+        Texels.joined([])
+
+
+@pytest.mark.parametrize("up", [(0, 0), (0, 0, 0), (np.nan, 0, 0), "x"])
+def test_up_that_is_no_direction_is_refused(up: Any, tmp_path: Path) -> None:
+    found = texels("cornell-box-36", 1.0)
+    with pytest.raises(UsageError, match="up"):
+        found.to_glb(tmp_path / "a.glb", np.ones(len(found)), quantity="x", up=up)
+
+
+def test_name_that_utf_8_cannot_encode_is_refused(tmp_path: Path) -> None:
+    found = texels("cornell-box-36", 1.0)
+    with pytest.raises(ImageError, match="UTF-8"):
+        found.to_glb(tmp_path / "a.glb", np.ones(len(found)), quantity="\ud800")
+    assert not list(tmp_path.iterdir())

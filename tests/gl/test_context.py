@@ -16,7 +16,7 @@ import typer
 from typer.testing import CliRunner
 
 from glpath.cli import devices as devices_cli
-from glpath.errors import ContextError
+from glpath.errors import ContextError, UsageError
 from glpath.gl.context import get_context
 from glpath.gl.devices import BACKENDS, Candidate, DeviceProbe, list_devices, start_probe
 from glpath.gl.osmesa import load_osmesa
@@ -261,3 +261,18 @@ def test_doctor_explains_a_wrong_environment(app: typer.Typer, monkeypatch: pyte
     assert "unset GLPATH_BACKEND" in result.stdout
     with pytest.raises(ContextError, match="GLPATH_BACKEND"):
         list_devices()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"backend": None}, "backend: None"),
+        ({"backend": 5}, "backend: 5"),
+        ({"device": "x"}, "device: 'x'"),
+        ({"device": 2**70}, "device: an integer of 22 digits"),
+        ({"require_gpu": "x"}, "require_gpu: 'x'"),
+    ],
+)
+def test_arguments_of_a_wrong_type_are_refused(arguments: dict[str, object], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        get_context(**arguments)  # type: ignore[arg-type]

@@ -259,3 +259,10 @@ def test_the_first_scenes_may_be_loaded_by_many_threads_at_once():
         "    assert len(set(pool.map(load, range(8)))) == 1"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+@pytest.mark.parametrize("part", ["camera", "ambient", "shapes"])
+def test_range_in_a_dictionary_is_refused(part: str) -> None:
+    scene = {"camera": {"position": [0, 0, 4], "target": [0, 0, 0]}, "shapes": [{"type": "sphere", "radius": 1}]}
+    with pytest.raises(SceneError):
+        glpath.load_scene({**scene, part: range(2)})

@@ -160,9 +160,72 @@ def _saved(box, folder):
 
 def test_lookup_says_what_it_cannot_do(box):
     solution = solution_of(box, np.full(36, 1), linear)
-    with pytest.raises(UsageError, match="there are 36"):
+    with pytest.raises(UsageError, match="triangles 36, but whole numbers from 0 to 35"):
         solution.irradiance([36], [[0, 0]])
     with pytest.raises(UsageError, match="allowed are interpolated, constant"):
         solution.lookup(box, [0], [[0, 0]], mode="nearest")
     with pytest.raises(UsageError, match="allowed are both, direct, indirect"):
         solution.irradiance([0], [[0, 0]], light="ambient")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((np.nan, [[0.3, 0.3]]), "triangles nan"),
+        ((2**63, [[0.3, 0.3]]), "triangles 9223372036854775808"),
+        ((-1, [[0.3, 0.3]]), "triangles -1"),
+        ((1.5, [[0.3, 0.3]]), "triangles 1.5"),
+        (([[0, 1]], [[0.3, 0.3], [0.1, 0.1]]), "triangle of shape"),
+        ((0, 0), "barycentric of shape"),
+        ((0, [[np.nan, 0]]), "barycentric of shape"),
+        (([0, 1, 2], [[0.3, 0.3], [0.1, 0.1]]), "barycentric of shape"),
+        ((0, [[0.3, 0.3]], 10**6), "back 1000000"),
+        ((0, [[0.3, 0.3]], -1), "back -1"),
+        ((0, [[0.3, 0.3]], [0, 1]), "back of shape"),
+    ],
+)
+def test_points_that_do_not_exist_are_refused(box, arguments, message):
+    divisions = np.ones(len(path_traceable(box).triangles), np.int32)
+    solution = solution_of(box, divisions, linear)
+    with pytest.raises(UsageError, match=message):
+        solution.irradiance(*arguments)
+    with pytest.raises(UsageError, match=message):
+        solution.lookup(box, *arguments)
+
+
+def test_scene_with_another_number_of_triangles_is_refused(box):
+    divisions = np.ones(len(path_traceable(box).triangles), np.int32)
+    solution = solution_of(box, divisions, linear)
+    other = box.add({"type": "sphere", "center": [0, 0, 0.5], "radius": 0.2})
+    with pytest.raises(SceneError, match="another scene"):
+        solution.lookup(other, 0, [[0.3, 0.3]])
+    with pytest.raises(SceneError, match="another scene"):
+        solution.reflected(other)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"scene_hash": 5}, "scene_hash is 5"),
+        ({"divisions": None}, "divisions must be"),
+        ({"divisions": [np.nan]}, "divisions must be"),
+        ({"divisions": [1.5]}, "divisions must be"),
+        ({"elements": "x"}, "could not convert"),
+        ({"vertices": [[1, 2], [3]]}, "inhomogeneous"),
+        ({"elements": -np.ones((2, 2, 1, 3))}, "elements holds values that are negative"),
+        ({"settings": 5}, "not iterable"),
+        ({"statistics": {"a": object()}}, "not JSON serializable"),
+        ({"leaf_size": 5}, "has no len"),
+        ({"leaf_size": [0]}, "leaf_size must be"),
+    ],
+)
+def test_solution_of_wrong_arrays_is_refused(wrong, message):
+    fields = {
+        "scene_hash": "",
+        "divisions": [1],
+        "elements": np.zeros((2, 2, 1, 3)),
+        "vertices": np.zeros((2, 2, 3, 3)),
+    }
+    assert RadiositySolution(**fields).element_count == 1
+    with pytest.raises(UsageError, match=message):
+        RadiositySolution(**{**fields, **wrong})

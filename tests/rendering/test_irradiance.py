@@ -612,3 +612,17 @@ def test_points_beside_streamed_triangles_are_measured_by_default() -> None:
     assert found.values[0] == pytest.approx(np.pi, rel=0.05), (
         "the whole sky, of radiance 1, by directions that all paths share"
     )
+
+
+@pytest.mark.parametrize("which", [99, [0], [True, False], "x"])
+def test_spread_of_points_that_are_not_one_flag_each_is_refused(which: Any) -> None:
+    found = glpath.irradiance("cornell-box-36", [[0.0, 0.0, 0.0]], [0.0, 1.0, 0.0], spp=1)
+    with pytest.raises(glpath.UsageError, match="which"):
+        found.spread(which)
+
+
+@pytest.mark.parametrize("shape", [(-1, -1), (1.0,), (1,) * 10, 5])
+def test_grid_of_a_wrong_shape_is_refused(shape: Any) -> None:
+    found = glpath.irradiance("cornell-box-36", [[0.0, 0.0, 0.0]], [0.0, 1.0, 0.0], spp=1)
+    with pytest.raises(glpath.UsageError, match="shape"):
+        found.to_xarray(shape=shape)

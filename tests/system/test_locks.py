@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,6 +20,7 @@ import glpath
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film.film import Film
 from glpath.jobs.checkpoint import Checkpoint
+from glpath.system.files import check_writable, whole_file
 from glpath.system.locks import Lock, check_unlocked
 from tests.support import killing
 from tests.support.command_line import run
@@ -297,3 +299,16 @@ def test_a_checkpoint_in_python_is_a_block(tmp_path: Path) -> None:
         with pytest.raises(GlpathError, match=f"process {os.getpid()} on"), Checkpoint(tmp_path / "a.npz"):
             pass
     assert os.listdir(tmp_path) == ["a.npz"]
+
+
+@pytest.mark.parametrize("path", ["/", "/tmp", "\ud800", "\ud800/a.npz"])
+def test_path_at_which_no_file_can_be_is_refused(path: str) -> None:
+    with pytest.raises(ImageError, match=r"is a folder|is no path"):
+        check_writable(path)
+    with pytest.raises(ImageError, match=r"is a folder|is no path"):
+        glpath.view_factors("cornell-box-36", resume=path)
+    options: dict[str, Any] = {"samples": 1, "elements": 50, "gather_rays": 16, "resume": path}
+    with pytest.raises(ImageError, match=r"is a folder|is no path"):
+        glpath.daylight_coefficients("cornell-box-36", [[0, 0, 0]], [[0, 1, 0]], **options)
+    with pytest.raises(ImageError, match=r"is a folder|is no path|cannot be written"), whole_file(path):
+        pass

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import glpath
-from glpath import HeightField, horizon
+from glpath import HeightField, UsageError, horizon
 from glpath.terrain.horizon import AZIMUTHS
 from glpath.terrain.sweep import horizon_tangents, lattice_directions
 from tests.support.terrain_witness import march, rough
@@ -262,3 +262,21 @@ def test_sky_view_factors_are_those_of_rays_to_the_triangles(surface: Any) -> No
         origins = np.tile(point + 1e-3 * normal, (len(rays), 1)).astype(np.float32)
         open_sky = (cast(origins, rays.astype(np.float32)) < 0) & (rays[:, 2] > 0)
         assert factor == pytest.approx(open_sky.mean(), abs=1e-3)
+
+
+@pytest.mark.parametrize("points", [[0, 0], 5, [[0]], [[1, 2, 3, 4]], "x", None])
+@pytest.mark.parametrize("method", ["heights_at", "normals_at", "grid_positions"])
+def test_points_of_a_wrong_shape_are_refused(method: str, points: Any) -> None:
+    with pytest.raises(UsageError, match="points: "):
+        getattr(HeightField.of(FLAT), method)(points)
+
+
+@pytest.mark.parametrize("azimuth", [math.inf, math.nan, "x"])
+def test_azimuth_that_is_not_finite_is_refused(azimuth: Any) -> None:
+    with pytest.raises(UsageError, match="azimuth: "):
+        horizon(FLAT).angles(azimuth)
+
+
+def test_results_that_are_no_array_are_refused() -> None:
+    with pytest.raises(UsageError, match=r"hours is of shape \(2,\)"):
+        horizon(FLAT).to_xarray(hours=[[1, 2], [3]])

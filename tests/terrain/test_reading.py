@@ -391,3 +391,16 @@ def test_heights_of_a_tiff_get_the_unit_of_x_and_y(
     with pytest.warns(glpath.SceneWarning, match=message) if message else nullcontext():
         found = load_height_field(path)
     np.testing.assert_allclose(found.heights, HEIGHTS * metres, rtol=1e-6)
+
+
+def test_origin_and_spacing_may_be_arrays(tmp_path: Path) -> None:
+    np.save(tmp_path / "heights.npy", np.eye(5))
+    for source in (np.eye(5), tmp_path / "heights.npy"):
+        field = load_height_field(source, origin=np.array([2, 3]), spacing=np.array([0.5, 1.0]))  # type: ignore[arg-type]
+        assert (field.origin, field.spacing) == ((2.0, 3.0), (0.5, 1.0))
+
+
+@pytest.mark.parametrize("origin", [np.zeros((2, 2)), np.array([1.0]), [], "x", [np.nan, 0.0]])
+def test_origin_that_is_not_two_numbers_is_refused(origin: Any) -> None:
+    with pytest.raises(glpath.GlpathError, match="origin"):
+        load_height_field(np.eye(5), origin=origin)

@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from glpath.errors import ImageError
+from glpath.system.arguments import short_repr
 
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 UNSIGNED_INT, FLOAT = 5125, 5126
@@ -170,8 +171,16 @@ class Document(_Object):
 
 
 def write_glb(document: Document, binary: bytes | bytearray, path: Path) -> None:
-    """Write the container directly to `path`. Raises ImageError if it is too large for its header."""
-    text = msgspec.json.encode(document, enc_hook=_plain)
+    """Write the container directly to `path`. Raises ImageError if it is too large for its header.
+
+    Also raises ImageError for names that UTF-8 cannot encode.
+    """
+    try:
+        text = msgspec.json.encode(document, enc_hook=_plain)
+    except UnicodeEncodeError as error:
+        raise ImageError(
+            f".glb: a name in it is {short_repr(error.object)}, which UTF-8 cannot encode.", "Take another name."
+        ) from error
     chunks = [(b"JSON", text, b" "), (b"BIN\0", binary, b"\0")]
     # Chunks are padded to multiples of four bytes, JSON with spaces and binary data with zeros.
     padded = [(kind, data, padding * (-len(data) % 4)) for kind, data, padding in chunks if data]

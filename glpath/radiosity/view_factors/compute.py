@@ -145,7 +145,7 @@ def view_factors(
     enforce     : properties that the result is corrected to have: "reciprocity", "closure", or both, see
                   `ViewFactors.enforced`
     flip        : True if corners are clockwise seen from the front, as for the inside of a model
-    threads     : number of threads; None for one per core
+    threads     : maximum number of threads; None for one per core, which is also the limit
     resume      : checkpoint file for finished rows, written every 20 seconds and on interruption. Another call with
                   the same faces and error resumes from it. It is removed at the end. Only one process can use it at
                   a time
@@ -181,7 +181,7 @@ def view_factors(
     if resume is not None:
         check_writable(resume)
     kept = None if resume is None else _Rows(Path(resume), _SAVE_INTERVAL)
-    run = _Run(error, threads or core_count(), kept, on_progress)
+    run = _Run(error, min(threads or core_count(), core_count()), kept, on_progress)
     with ExitStack() as held:
         if kept is not None:
             held.enter_context(kept)

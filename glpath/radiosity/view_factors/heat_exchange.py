@@ -29,6 +29,10 @@ Float64 = NDArray[np.float64]
 #: Stefan-Boltzmann constant, W m^-2 K^-4 (CODATA 2018).
 SIGMA = 5.670374419e-8
 
+# Maximum temperature, K, whose fourth power is finite.
+_HOTTEST = 1e60
+_RANGE = f"0 to {_HOTTEST:g} K"
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RadiativeExchange:
@@ -99,12 +103,12 @@ def exchange_of(
     t = _of_each("temperature", temperature, n)
     _check("emissivity", e, ~((e >= 0) & (e <= 1)), "between 0 and 1")
     unknown = np.isnan(t)
-    _check("temperature", t, ~unknown & ~((t >= 0) & (t < np.inf)), "0 K or more, or NaN where no net flux leaves")
+    _check("temperature", t, ~unknown & ~((t >= 0) & (t <= _HOTTEST)), f"{_RANGE}, or NaN where no net flux leaves")
     outside = np.zeros(n)
     if surroundings is None:
         found.check_closed("exchange")
-    elif not 0 <= surroundings < np.inf:
-        raise UsageError(f"exchange: surroundings is {surroundings:g}, but must be 0 K or more.")
+    elif not 0 <= surroundings <= _HOTTEST:
+        raise UsageError(f"exchange: surroundings is {surroundings:g}, but must be {_RANGE}.")
     else:
         outside = np.clip(found.enclosure, 0.0, None) * SIGMA * surroundings**4
     emits = np.where(unknown, 0.0, e)

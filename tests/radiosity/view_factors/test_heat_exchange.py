@@ -102,6 +102,9 @@ def test_a_plate_under_the_sky_loses_what_the_sky_does_not_send() -> None:
         ((0.5, np.nan), "no face emits"),
         ((0.0, 300.0), "no face emits"),
         ((0.5, 300.0, -3.0), "surroundings is -3"),
+        ((0.5, 300.0, 1e308), r"surroundings is 1e\+308, but must be 0 to 1e\+60 K"),
+        ((0.5, 300.0, np.nan), "surroundings is nan"),
+        ((0.5, [300.0, 1e308]), r"temperature\[1\] is 1e\+308"),
     ],
 )
 def test_mistakes_are_explained(arguments: tuple[object, ...], message: str) -> None:

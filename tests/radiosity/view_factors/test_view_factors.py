@@ -39,6 +39,8 @@ from benchmarks.view_factor_scenes import (
 )
 from glpath.cli.main import app
 from glpath.errors import GlpathError, SceneError, UsageError
+from glpath.radiosity.view_factors import compute
+from glpath.radiosity.view_factors.backs import back_shares
 
 Float64 = NDArray[np.float64]
 L_SHAPE = [[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]]
@@ -739,3 +741,11 @@ def test_a_plane_of_several_faces_has_one_normal_and_a_closed_group_none() -> No
 
 
 WALLS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+
+
+def test_threads_are_at_most_one_per_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compute, "core_count", lambda: 2)
+    started: list[int] = []
+    monkeypatch.setattr(compute, "back_shares", lambda *given: started.append(given[3]) or back_shares(*given))
+    glpath.view_factors(box_faces([0, 0, 0], [3, 2, 1], 1, inward=True), threads=100_000)
+    assert started == [2]
