@@ -23,6 +23,8 @@ UInt8 = NDArray[np.uint8]
 
 # Default `epsilon`, added to the squared reference so that dark pixels do not dominate; suits a white of about 1.
 EPSILON = 0.01
+# Maximum `peak`, whose square is a finite float64.
+_LARGEST_PEAK = 1e150
 
 
 @checked
@@ -34,8 +36,7 @@ def relative_mse(image: ArrayLike, reference: ArrayLike, epsilon: float = EPSILO
 
     Source: Rousselle et al. 2011, "Adaptive Sampling and Reconstruction using Greedy Error Minimization".
     """
-    if not 0 <= epsilon < math.inf:
-        raise UsageError(f"epsilon: {short_repr(epsilon)} where a finite number from 0 is needed")
+    _check_epsilon(epsilon)
     a, b = matching_pair(image, reference)
     if epsilon == 0 and not b.all():
         zeros = b.size - np.count_nonzero(b)
@@ -46,12 +47,14 @@ def relative_mse(image: ArrayLike, reference: ArrayLike, epsilon: float = EPSILO
     return float(np.mean((a - b) ** 2 / (b**2 + epsilon)))
 
 
+@checked
 def mse(image: ArrayLike, reference: ArrayLike) -> float:
     """Return mean((image - reference)²) over pixels and channels. Raises ImageError."""
     a, b = matching_pair(image, reference)
     return float(np.mean((a - b) ** 2))
 
 
+@checked
 def psnr(image: ArrayLike, reference: ArrayLike, peak: float | None = None) -> float:
     """Return 10 log10(peak² / mse) in decibels; infinite for equal images.
 
@@ -59,24 +62,29 @@ def psnr(image: ArrayLike, reference: ArrayLike, peak: float | None = None) -> f
 
     Raises ImageError.
     """
+    if peak is not None and not abs(peak) <= _LARGEST_PEAK:
+        raise UsageError(f"peak: {short_repr(peak)} where a number up to {_LARGEST_PEAK:g} is needed")
     a, b = matching_pair(image, reference)
     error = float(np.mean((a - b) ** 2))
     top = float(b.max()) if peak is None else peak
     return math.inf if error == 0 else -math.inf if top <= 0 else 10 * math.log10(top**2 / error)
 
 
+@checked
 def max_difference(image: ArrayLike, reference: ArrayLike) -> float:
     """Return the maximum of |image - reference| over pixels and channels. Raises ImageError."""
     a, b = matching_pair(image, reference)
     return float(np.max(np.abs(a - b)))
 
 
+@checked
 def percent_beyond(image: ArrayLike, reference: ArrayLike, limit: float) -> float:
     """Return the percentage of pixels with a channel that differs by more than `limit`. Raises ImageError."""
     a, b = matching_pair(image, reference)
     return 100 * float(np.mean((np.abs(a - b) > limit).any(axis=-1)))
 
 
+@checked
 def mean_ratio(image: ArrayLike, reference: ArrayLike) -> float:
     """Return mean(image) / mean(reference), the energy gained or lost; NaN if both are black. Raises ImageError."""
     a, b = matching_pair(image, reference)
@@ -86,6 +94,7 @@ def mean_ratio(image: ArrayLike, reference: ArrayLike) -> float:
     return above / below
 
 
+@checked
 def difference_image(
     image: ArrayLike, reference: ArrayLike, scale: float | None = None, epsilon: float = EPSILON
 ) -> tuple[UInt8, float]:
@@ -99,8 +108,9 @@ def difference_image(
     Returns the image, (H, W, 3) uint8 sRGB, and the scale. Raises ImageError; UsageError for a scale that is not
     above 0.
     """
-    if scale is not None and not scale > 0:
-        raise UsageError(f"scale: found {scale}, expected a number above 0.")
+    if scale is not None and not 0 < scale < math.inf:
+        raise UsageError(f"scale: found {short_repr(scale)}, expected a finite number above 0.")
+    _check_epsilon(epsilon)
     a, b = matching_pair(image, reference)
     y = luminance(b)
     relative = (luminance(a) - y) / np.sqrt(y**2 + epsilon)
@@ -111,6 +121,11 @@ def difference_image(
     red, middle, blue = np.array([178, 24, 43]), np.array([247, 247, 247]), np.array([33, 102, 172])
     colour = middle + np.maximum(t, 0) * (red - middle) + np.maximum(-t, 0) * (blue - middle)
     return (colour + 0.5).astype(np.uint8), scale
+
+
+def _check_epsilon(epsilon: float) -> None:
+    if not 0 <= epsilon < math.inf:
+        raise UsageError(f"epsilon: {short_repr(epsilon)} where a finite number from 0 is needed")
 
 
 def matching_pair(image: ArrayLike, reference: ArrayLike) -> tuple[Float64, Float64]:

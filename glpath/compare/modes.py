@@ -16,7 +16,7 @@ from glpath.compare.pixels import exact, fuzzy
 from glpath.compare.statistical import stat
 from glpath.compare.verdict import Verdict
 from glpath.errors import UsageError
-from glpath.system.arguments import short_repr
+from glpath.system.arguments import checked, short_repr
 
 Mode = Literal["exact", "fuzzy", "stat", "flip"]
 MODES: tuple[str, ...] = get_args(Mode)
@@ -27,6 +27,7 @@ _GROUNDS = {"over black": 0.0, "over white": 1.0}
 _COMPARISONS: dict[str, Callable[..., Verdict]] = {"exact": exact, "fuzzy": fuzzy, "stat": stat, "flip": flip}
 
 
+@checked
 def compare(picture: Picture, reference: Picture, mode: str | None = None, **limits: float) -> Verdict:
     """Compare two images and return the verdict.
 
@@ -54,6 +55,7 @@ def compare(picture: Picture, reference: Picture, mode: str | None = None, **lim
     return replace(verdicts[worst], summary=f"{worst}: {verdicts[worst].summary}")
 
 
+@checked
 def max_difference_pair(picture: Picture, reference: Picture) -> tuple[Picture, Picture]:
     """Return both images without alpha, laid over black or over white, whichever gives the larger mean difference.
 
@@ -66,12 +68,14 @@ def max_difference_pair(picture: Picture, reference: Picture) -> tuple[Picture, 
     return max(pairs, key=lambda pair: float(np.abs(pair[0].mean - pair[1].mean).mean()))
 
 
+@checked
 def default_mode(picture: Picture, reference: Picture) -> Mode:
     """Return "stat" if the metadata of both images reports noise and neither is denoised; otherwise "fuzzy"."""
     noisy = [side.provenance.get("glpath.noisy") == "true" and not side.denoised for side in (picture, reference)]
     return "stat" if all(noisy) else "fuzzy"
 
 
+@checked
 def read_limits(mode: str, texts: Sequence[str]) -> dict[str, float]:
     """Return limits from texts of a command line, such as "threshold=4". Raises UsageError."""
     limits = {}
@@ -87,7 +91,7 @@ def read_limits(mode: str, texts: Sequence[str]) -> dict[str, float]:
 
 def _check_limits(mode: str, limits: Mapping[str, Any]) -> None:
     """Raise UsageError for an unknown mode, and for a limit that is unknown or not a number."""
-    if mode not in _COMPARISONS:
+    if not isinstance(mode, str) or mode not in _COMPARISONS:
         raise UsageError(f"mode: there is no {short_repr(mode)}. Allowed: {', '.join(MODES)}.")
     known = [p.name for p in inspect.signature(_COMPARISONS[mode]).parameters.values() if p.kind == p.KEYWORD_ONLY]
     for name, value in limits.items():

@@ -21,6 +21,7 @@ from glpath.compare.picture import Picture
 from glpath.compare.verdict import Verdict
 from glpath.errors import ImageError, UsageError
 from glpath.film.image import encode_srgb
+from glpath.system.arguments import checked
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -82,6 +83,7 @@ def flip(
     return Verdict("flip", value <= mean and spot <= local, severity, summary, measured, limits)
 
 
+@checked
 def flip_map(image: Float64, reference: Float64, *, ppd: float = PPD) -> Float64:
     """Return the (H, W) float64 visibility, in [0, 1], of the difference between images (H, W, 3), linear Rec. 709.
 
@@ -94,6 +96,7 @@ def flip_map(image: Float64, reference: Float64, *, ppd: float = PPD) -> Float64
     return found
 
 
+@checked
 def flip_picture(image: Float64, reference: Float64, *, ppd: float = PPD) -> UInt8:
     """Return the FLIP map in colours, (H, W, 3) uint8 sRGB: black is equal, yellow most different.
 

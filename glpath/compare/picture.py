@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from glpath.errors import ImageError
 from glpath.film.film import Film
@@ -34,6 +34,7 @@ from glpath.film.image import (
     write_exr,
     write_png,
 )
+from glpath.system.arguments import checked
 
 Float64 = NDArray[np.float64]
 
@@ -96,6 +97,7 @@ class Picture:
     eight_bit: bool = False
 
     @classmethod
+    @checked
     def of_film(cls, film: Film) -> Picture:
         """Return the film's mean, with noise if it has two batches or more. Raises UsageError for an empty film."""
         used = np.flatnonzero(film.batch_counts)
@@ -107,12 +109,16 @@ class Picture:
         return cls(film.mean, noise, {"glpath.kind": "film", **film.provenance()})
 
     @classmethod
-    def of_array(cls, array: ArrayLike, provenance: Mapping[str, str] | None = None) -> Picture:
+    @checked
+    def of_array(cls, array: Any, provenance: Mapping[str, str] | None = None) -> Picture:
         """Return a picture of an array (H, W, 3), (H, W), or (H, W, 4) with alpha.
 
         Floats are radiance; uint8, uint16 and bool are sRGB. Raises ImageError.
         """
-        given = np.asarray(array)
+        try:
+            given = np.asarray(array)
+        except (TypeError, ValueError) as error:
+            raise ImageError("picture: found lists of unequal lengths, expected numbers (H, W, 3).") from error
         if given.dtype.kind not in "biuf" or given.ndim not in (2, 3) or given.size == 0:
             raise ImageError(
                 f"picture: found an array of shape {given.shape} of {given.dtype}, expected numbers (H, W, 3)."
@@ -169,6 +175,7 @@ class Picture:
         found = json.loads(self.provenance["glpath.bias"])
         return f"has a bias of {100 * found['mean']:.2g} %, plus or minus {100 * found['mean_error']:.2g} %"
 
+    @checked
     def over(self, ground: float) -> Picture:
         """Return the image without alpha, laid over a grey background and mixed in sRGB as browsers do.
 
@@ -187,6 +194,7 @@ class Picture:
         alpha = np.ones(self.mean.shape[:2]) if self.alpha is None else self.alpha
         return replace(self, mean=np.repeat(alpha[..., None], 3, axis=2), alpha=None, eight_bit=False)
 
+    @checked
     def save(self, path: str | Path) -> None:
         """Write the image as a baseline, an EXR; the file appears whole or not at all. Raises ImageError."""
         layers: dict[str, Float64] = {}
@@ -212,6 +220,7 @@ class Picture:
         self.save_png(path, {_FORMAT: _VERSION, **self.provenance})
 
     @classmethod
+    @checked
     def load(cls, path: str | Path) -> Picture:
         """Read an EXR written by `save`. Raises ImageError."""
         channels, header = read_exr_channels(path)

@@ -19,6 +19,7 @@ from glpath.compare.picture import Picture, encode_bright_srgb, glpath_texts
 from glpath.errors import ImageError
 from glpath.film.film import Film, holds_film, read_image
 from glpath.film.image import FLOAT_PIXEL, READABLE, check_scans, decode_srgb, read_exr_channels
+from glpath.system.arguments import checked
 from glpath.system.files import read_bytes, reading
 from glpath.system.npz import check_unfolded, read_npy
 
@@ -41,6 +42,7 @@ _GLOW_ALPHA = 1e-6
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 
 
+@checked
 def read_picture(path: str | Path) -> Picture:
     """Read the image of a file by its suffix, one of `SUFFIXES`. Raises ImageError.
 
@@ -80,6 +82,7 @@ def _straight(light: Float64, alpha: Float64) -> Float64:
     return np.dstack([colours, np.where(glows, _GLOW_ALPHA, alpha)])
 
 
+@checked
 def picture_from_bytes(data: bytes) -> Picture:
     """Return the image from a file's content: .exr, or a format of Pillow. Raises ImageError."""
     if not data.startswith(_EXR_MAGIC):
@@ -96,6 +99,7 @@ def is_pillow(value: object) -> bool:
     return module is not None and isinstance(value, module.Image)
 
 
+@checked
 def picture_of_pillow(image: Image) -> Picture:
     """Return the current frame of a Pillow image, with palette indices replaced by colours. Raises ImageError."""
     return Picture.of_array(_array_of_pillow(image, "the image"))

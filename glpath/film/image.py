@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import ImageError, UsageError
 from glpath.film.aovs import AOV_KINDS
 from glpath.film.rgbe import read_header, read_rgbe
-from glpath.system.arguments import short_repr
+from glpath.system.arguments import checked, short_repr
 from glpath.system.c_output import without_lines
 from glpath.system.files import check_file, reading, whole_file
 from glpath.system.npz import check_unfolded, open_npz, read_npy
@@ -62,10 +62,14 @@ FLOAT_PIXEL = 24
 _BYTE_PIXEL = 4
 # OpenEXR: maximum number of attributes and channels in all parts of a file together.
 _MAX_EXR_ENTRIES = 4096
+# OpenEXR: maximum size of a position in a window, pixels.
+_MAX_EXR_EDGE = 2**30
 # OpenEXR: maximum length of a name or a type, bytes.
 _MAX_EXR_NAME = 255
 # OpenEXR: pattern of one entry of the channel list: a name, a zero byte, and 16 bytes of numbers.
 _EXR_CHANNEL = re.compile(rb"[^\0]{1,255}\0.{16}", re.DOTALL)
+# Shapes of the channels of an image that is encoded as a PNG: grey, grey with alpha, colours, colours with alpha.
+_CHANNELS = ((), (2,), (3,), (4,))
 READABLE = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".npz", ".npy")
 
 # Weights of red, green and blue of linear Rec. 709 in the luminance Y.
@@ -83,24 +87,46 @@ _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0
 REINHARD_WHITE = 4.0
 
 
+# Maximum size of an exposure, stops. 2 to the power of 1,000 is a finite float64.
+_MAX_STOPS = 1000
 # Log-average luminance, called middle grey, to which `auto_exposure` brings an image.
 MIDDLE_GREY = 0.18
 
 
+@checked
 def luminance(radiance: Float64) -> Float64:
-    """Return the relative luminance Y (...) of linear Rec. 709 colours (..., 3)."""
+    """Return the relative luminance Y (...) of linear Rec. 709 colours (..., 3). Raises ImageError."""
+    _check_colours(radiance)
     y: Float64 = radiance @ LUMINANCE
     return y
 
 
+def _check_colours(colours: ArrayLike) -> None:
+    """Raise ImageError unless the last axis of an array is red, green and blue."""
+    if np.shape(colours)[-1:] != (3,):
+        raise ImageError(
+            f"image: found an array of shape {np.shape(colours)}, expected (..., 3): red, green and blue.",
+            "np.repeat(grey[..., None], 3, axis=-1) makes colours of grey values.",
+        )
+
+
+def _numbers(values: ArrayLike) -> NDArray[Any]:
+    """Return an array; objects become float64, and other types do not change."""
+    array = np.asarray(values)
+    return array.astype(np.float64) if array.dtype == np.object_ else array
+
+
+@checked
 def encode_srgb(linear: Float64) -> Float64:
     """Return linear values, clipped to [0, 1], as sRGB in [0, 1] (IEC 61966-2-1)."""
-    x = np.clip(linear, 0.0, 1.0)
+    x: Float64 = np.clip(_numbers(linear), 0.0, 1.0)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
+@checked
 def decode_srgb(encoded: Float64) -> Float64:
     """Return sRGB in [0, 1] as linear values in [0, 1]."""
+    encoded = _numbers(encoded)
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
@@ -135,6 +161,7 @@ TONEMAPS: dict[str, Callable[[Float64], Float64]] = {
 }
 
 
+@checked
 def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") -> UInt8:
     """Return radiance as an image for a screen.
 
@@ -144,7 +171,8 @@ def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") 
     exposure : stops; 1 doubles the brightness
     operator : "srgb" clips, "reinhard" and "aces" compress bright values; the sRGB curve is applied afterwards
 
-    Returns (H, W, 3) uint8, sRGB. Raises UsageError for another operator.
+    Returns (H, W, 3) uint8, sRGB. Raises UsageError for another operator and for stops beyond 1,000 in size;
+    ImageError for an array of another shape.
 
     Example
     -------
@@ -152,10 +180,16 @@ def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") 
     [[[0, 118, 255]]]
     """
     check_tonemap(operator)
+    if not abs(exposure) <= _MAX_STOPS:
+        raise UsageError(
+            f"exposure: {short_repr(exposure)} where stops from -{_MAX_STOPS:,} to {_MAX_STOPS:,} are needed"
+        )
+    _check_colours(radiance)
     light = np.maximum(np.asarray(radiance, np.float64), 0.0) * np.exp2(exposure)
     return (encode_srgb(TONEMAPS[operator](light)) * 255.0 + 0.5).astype(np.uint8)
 
 
+@checked
 def auto_exposure(radiance: ArrayLike) -> float:
     """Return the stops that bring the log-average luminance to middle grey, 0.18 [Reinhard et al. 2002].
 
@@ -191,25 +225,48 @@ def check_exposure(exposure: object) -> None:
 
 def check_tonemap(operator: str) -> None:
     """Raise UsageError if there is no tone curve with that name."""
-    if operator not in TONEMAPS:
+    if not isinstance(operator, str) or operator not in TONEMAPS:
         raise UsageError(f"tonemap: there is no operator {short_repr(operator)}. Allowed: {', '.join(TONEMAPS)}.")
 
 
+@checked
 def encode_png(picture: UInt8, metadata: Mapping[str, str] | None = None) -> bytes:
     """Encode (H, W, 3) uint8 sRGB, or (H, W, 4) with alpha, as the bytes of a PNG.
 
     metadata : written as text chunks
+
+    Raises ImageError for an array of another shape or type.
     """
     # Pillow is used directly, because imageio first loads all of Pillow's formats. For a small image, loading takes
     # a tenth of the total time.
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
+    picture = np.asarray(picture)
+    allowed = _CHANNELS if picture.dtype == np.uint8 else ((),) if picture.dtype == np.bool_ else ()
+    if picture.ndim < 2 or picture.shape[2:] not in allowed or not picture.size:
+        raise ImageError(
+            f"image: found an array of shape {picture.shape} of {picture.dtype}, expected (H, W, 3) of uint8.",
+            "glpath.film.image.tonemap makes an 8-bit image of radiance.",
+        )
+    _check_texts(metadata)
     text, encoded = PngInfo(), io.BytesIO()
     for key, value in (metadata or {}).items():
         text.add_text(key, value)
     Image.fromarray(picture).save(encoded, "PNG", pnginfo=text)
     return encoded.getvalue()
+
+
+def _check_texts(metadata: Mapping[str, str] | None) -> None:
+    """Raise UsageError unless all metadata are text that UTF-8 can encode, with keys in Latin-1 as in a PNG."""
+    for key, value in (metadata or {}).items():
+        try:
+            key.encode("latin-1")
+            value.encode()
+        except (AttributeError, UnicodeEncodeError):
+            raise UsageError(
+                f"metadata[{short_repr(key)}]: {short_repr(value)} where text is needed, with a key in Latin-1"
+            ) from None
 
 
 def png_html(png: bytes, alt: str) -> str:
@@ -218,6 +275,7 @@ def png_html(png: bytes, alt: str) -> str:
     return f'<img alt="{html.escape(alt)}" src="data:image/png;base64,{data}" style="max-width: 100%">'
 
 
+@checked
 def write_png(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | None = None) -> None:
     """Write (H, W, 3) uint8 sRGB, or (H, W, 4) with alpha, row 0 at the top, as a PNG. Raises ImageError."""
     with whole_file(path) as temporary:
@@ -255,6 +313,7 @@ def write_jpeg(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | N
         )
 
 
+@checked
 def write_exr(
     path: str | Path,
     radiance: ArrayLike,
@@ -275,11 +334,27 @@ def write_exr(
     channels        : further channels (H, W) by their full names in the file
     alpha           : (H, W) opacity, written as channel A; the colours do not change
 
-    Raises ImageError.
+    Raises ImageError for a file that cannot be written, and for arrays of other shapes.
     """
     import OpenEXR
 
+    _check_texts(metadata)
     pixels = np.ascontiguousarray(radiance, np.float32)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
+        raise ImageError(
+            f"{path}: found an array of shape {pixels.shape}, expected (H, W, 3).",
+            "np.repeat(grey[..., None], 3, axis=-1) makes colours of grey values.",
+        )
+    for name, edges in (("window", window), ("full_resolution", full_resolution)):
+        if edges is not None and not all(abs(edge) <= _MAX_EXR_EDGE for edge in edges):
+            raise UsageError(f"{name}: {short_repr(edges)} where numbers up to {_MAX_EXR_EDGE:,} are needed")
+    further = {"alpha": alpha, **(channels or {}), **(layers or {})}
+    for name, plane in further.items():
+        if plane is not None and np.shape(plane)[:2] != pixels.shape[:2]:
+            raise ImageError(
+                f"{path}: {name} is an array of shape {np.shape(plane)} beside colours of shape {pixels.shape}.",
+                "Give an array of the same height and width.",
+            )
     x, y = window[:2] if window else (0, 0)
     height, width = pixels.shape[:2]
     full_width, full_height = full_resolution or (x + width, y + height)
@@ -322,6 +397,7 @@ def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], ND
     return np.array([x, y], np.int32), np.array([x + width - 1, y + height - 1], np.int32)
 
 
+@checked
 def read_image(path: str | Path, colours: bool = True) -> Float64:
     """Read an image file that is not a film; `glpath.film.film.read_image` lists the formats and the result.
 

@@ -173,7 +173,9 @@ class GatherSettings(SharedDirections, PathSetSettings):
         return recorded | ({"refined": True} if self.refined else {})
 
     def check_together(self, given: Mapping[str, Any]) -> None:
-        cast = str(given.get("cast", self.cast))
+        cast = given.get("cast", self.cast)
+        if not isinstance(cast, str):
+            return  # the check of each value raises the error
         other, names = ("bvh", _OF_BVH) if cast == "path-buffer" else ("path-buffer", _OF_PATH_BUFFER)
         for name in names:
             if name in given:

@@ -11,7 +11,9 @@ _LOCK = Lock()
 
 
 def convert(value: Any, kind: Any, *, strict: bool = True) -> Any:
-    """Return `value` converted to the type `kind`. Raises msgspec.ValidationError, also for text with surrogates.
+    """Return `value` converted to the type `kind`. Raises msgspec.ValidationError.
+
+    Text with surrogates, and objects that msgspec cannot read, raise the same error.
 
     The lock is needed because msgspec 0.22 crashes if several threads convert to one type for the first time.
     """
@@ -20,11 +22,16 @@ def convert(value: Any, kind: Any, *, strict: bool = True) -> Any:
             return msgspec.convert(value, kind, strict=strict)
         except UnicodeEncodeError as error:
             raise msgspec.ValidationError("UTF-8 cannot encode its text") from error
-        except TypeError as error:  # msgspec takes some objects, such as ranges, for dictionaries
-            raise msgspec.ValidationError(f"a {type(value).__name__}, or a value in it, cannot be read") from error
+        except (TypeError, ValueError) as error:
+            if isinstance(error, msgspec.ValidationError):
+                raise
+            raise msgspec.ValidationError("has an object of a type that has no form in a file") from error
 
 
 def decode_json(text: str | bytes, kind: Any) -> Any:
     """Return JSON decoded as `kind`, under the same lock as `convert`. Raises msgspec.DecodeError."""
     with _LOCK:
-        return msgspec.json.decode(text, type=kind)
+        try:
+            return msgspec.json.decode(text, type=kind)
+        except UnicodeEncodeError as error:
+            raise msgspec.DecodeError("UTF-8 cannot encode its text") from error

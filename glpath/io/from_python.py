@@ -24,6 +24,7 @@ from glpath.io.load import scene_of
 from glpath.io.meshes import mesh_of_trimesh
 from glpath.scene.model import Light, Mesh, Scene, Shapes, Texture, moved_textures, shapes_are_built_by
 from glpath.scene.source_location import PythonLocation, SourceLocation, shown
+from glpath.system.arguments import short_repr
 from glpath.system.suggestions import listed_names
 
 if TYPE_CHECKING:
@@ -53,6 +54,11 @@ def scene_from_python(scene: Any) -> Scene:
 
 def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Scene:
     """Return the scene with a shape added; see `Scene.add`."""
+    if not isinstance(shape, Mapping | Mesh) and not _of_trimesh(shape, "Trimesh"):
+        raise UsageError(
+            f"shape: {short_repr(shape)} where a dictionary, a Mesh or a trimesh.Trimesh is needed",
+            'For example {"type": "sphere", "center": [0, 0, 0], "radius": 1}.',
+        )
     table = {**({"mesh": shape} if _of_trimesh(shape, "Trimesh") or isinstance(shape, Mesh) else shape), **fields}
     names = [each.name for each in scene.materials]
     if isinstance(material, str) and material not in names:

@@ -149,6 +149,7 @@ def shipped_scenes() -> dict[str, str]:
     return dict(sorted(described.items()))
 
 
+@checked
 def scene_parameters(name: str, given: Mapping[str, object] | None = None) -> dict[str, tuple[object, str]]:
     """Return default and description of each parameter of a generated scene or of a file; empty for other scenes.
 
@@ -180,16 +181,19 @@ def scene_parameters(name: str, given: Mapping[str, object] | None = None) -> di
     return _parameters_of(_read_as_asked) if is_toml else {}
 
 
+@checked
 def scene_cameras(name: str) -> tuple[str, ...]:
     """Return the camera names of a glTF file, from which the parameter `camera` chooses; empty for other scenes."""
     return gltf_cameras(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
 
 
+@checked
 def scene_animations(name: str) -> tuple[tuple[str, float], ...]:
     """Return names and lengths in seconds of a glTF file's animations, for `animation`; empty for other scenes."""
     return gltf_animations(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
 
 
+@checked
 def scene_variants(name: str) -> tuple[str, ...]:
     """Return the names of a glTF file's material variants, for `variant`; empty for other scenes."""
     return gltf_variants(Path(name)) if name.lower().endswith(GLTF_FORMATS) else ()
@@ -216,6 +220,7 @@ def _parameters_of(make: Callable[..., object]) -> dict[str, tuple[object, str]]
     }
 
 
+@checked
 def parameters_from_options(options: Sequence[str]) -> dict[str, str]:
     """Return options of `-D`, such as `["radiance=2", "shape=sphere"]`, as a dictionary. Raises UsageError."""
     parameters = {}

@@ -37,6 +37,7 @@ from glpath.io.values import LARGEST
 from glpath.scene.camera import framing
 from glpath.scene.model import Mesh, Scene
 from glpath.scene.source_location import SourceLocation, shown
+from glpath.system.arguments import checked, short_repr
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 from glpath.system.suggestions import similar_names
 from glpath.system.time_limit import check_time
@@ -148,8 +149,9 @@ def _check_no_camera_is_needed(data: Mapping[str, Any], location: SourceLocation
         raise needs(location.field("sky").field("up"), "where the zenith is", "up = [0, 0, 1], with z up")
 
 
+@checked
 def scene_from_dict(
-    data: Mapping[str, Any], *, source: str = "scene", folder: Path | None = None, name: str | None = None
+    data: Mapping[str, Any], *, source: str = "scene", folder: str | Path | None = None, name: str | None = None
 ) -> Scene:
     """Return the scene that a dictionary of the scene format describes; numpy arrays may replace lists.
 
@@ -160,7 +162,7 @@ def scene_from_dict(
     folder : base folder of relative paths of mesh files; the current folder by default
     name   : name of a scene that does not name itself; `source` by default
     """
-    return scene_of(data, SourceLocation(source), folder or Path(), name or source)
+    return scene_of(data, SourceLocation(source), Path(folder or ""), name or source)
 
 
 def scene_of(
@@ -220,17 +222,24 @@ def _without_meshes(
 
 
 def _plain(value: Any, depth: int = 0) -> Any:
-    """Return `value` with numpy arrays and tuples as lists. Raises RecursionError if it is nested too deeply."""
+    """Return `value` with numpy arrays, tuples, sets and ranges as lists, and with keys that are text.
+
+    Raises RecursionError if it is nested too deeply.
+    """
     if depth > _DEEPEST:
         raise RecursionError
     check_time()
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): _plain(item, depth + 1) for key, item in value.items()}
-    if isinstance(value, list | tuple):
+        return {_key(key): _plain(item, depth + 1) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset | range):
         return [_plain(item, depth + 1) for item in value]
     return value
+
+
+def _key(key: object) -> str:
+    return str(key) if isinstance(key, str | int | float) else short_repr(key)
 
 
 def _at_keys(location: SourceLocation, keys: Sequence[str | int]) -> SourceLocation:

@@ -16,9 +16,11 @@ from glpath.radiosity.solution import Mode, RadiositySolution
 from glpath.scene import Scene, path_traceable
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
+from glpath.system.arguments import checked
 from glpath.system.kernels import kernel
 
 
+@checked
 def picture_of(solution: RadiositySolution, scene: Scene, mode: Mode = "smooth") -> Float64:
     """Return the radiance (H, W, 3) float64 at the camera's pixel centres: emission plus reflected radiosity / pi.
 

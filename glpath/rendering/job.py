@@ -48,6 +48,7 @@ from glpath.scene.geometry import Shapes
 from glpath.scene.source_location import SourceLocation
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor, SensorKey
 from glpath.system.arguments import check_count, check_word, short_repr
+from glpath.system.arguments import checked as checked_arguments
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, whole_file
 from glpath.system.suggestions import listed_names, name_fits, similar_names
 from glpath.system.time_limit import preparing_scene
@@ -174,6 +175,7 @@ class RenderJob:
         """Number of path sets."""
         return self.path_sets[1] - self.path_sets[0]
 
+    @checked_arguments
     def seen(self, scene: Scene | None = None) -> Scene:
         """Return the scene, loaded if it is not given, with its camera replaced by that of the job's sensor.
 
@@ -223,6 +225,7 @@ class RenderJob:
         )
 
     @classmethod
+    @checked_arguments
     def from_json(cls, text: str, location: str = "job") -> RenderJob:
         """Return the job that `to_json` wrote as `text`; `location` names the text in errors. Raises UsageError."""
         try:
@@ -253,12 +256,14 @@ class RenderJob:
             raise UsageError(f"{location}: {error.message}", error.remedy) from error
         return cls(data.scene, settings, sensor, window, data.path_sets, data.strict)
 
+    @checked_arguments
     def save(self, path: str | Path) -> None:
         """Write the JSON to a file atomically. Raises ImageError if it cannot be written."""
         with whole_file(path) as part:
             part.write_text(self.to_json() + "\n", "utf-8")
 
     @classmethod
+    @checked_arguments
     def load(cls, path: str | Path) -> RenderJob:
         """Read a file that `save` wrote. Raises UsageError."""
         try:

@@ -7,9 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.system.arguments import checked_fields
+
 Float64 = NDArray[np.float64]
 
 
+@checked_fields
 @dataclass(frozen=True, eq=False)
 class Background:
     """Background with its own colour. It emits no light, and mirrors and solid glass do not show it.

@@ -15,8 +15,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from glpath.errors import UsageError
 from glpath.scene.choices import Projection
 from glpath.scene.geometry import Float64
+from glpath.system.arguments import check_count, checked, checked_fields, short_repr
 from glpath.system.pyrr_matrices import matrix33
 
 # Azimuths of the eye in `framing`, degrees from the front towards the right: for a box as wide as deep, and for a
@@ -34,8 +36,11 @@ _FOV = 30.0
 _MARGIN = 1.15
 # Minimum distance of the eye from the nearest of these points, in diagonals of the box around them.
 _CLOSEST = 0.1
+# Maximum number of frames of a turntable.
+_MAX_FRAMES = 100_000
 
 
+@checked_fields
 @dataclass(frozen=True)
 class CameraKey:
     """Pose of a camera at one time.
@@ -53,11 +58,13 @@ class CameraKey:
         _hold_arrays(self)
 
 
+@checked_fields
 @dataclass(frozen=True)
 class Camera:
     """Camera with its projection, lens, shutter and motion.
 
     Fields accept lists instead of arrays and tuples, so that a camera can be written by hand or read from JSON.
+    Raises UsageError for fields of a wrong type or shape. `glpath.scene.check_camera` checks the numbers.
 
     position, target, up : (3,) float64, scene units; `up` need not be perpendicular to the view
     fov                  : vertical field of view of the whole image in degrees, 0 < fov < 180, for "perspective"
@@ -92,6 +99,8 @@ class Camera:
 
     def __post_init__(self) -> None:
         _hold_arrays(self)
+        if not isinstance(self.motion, list | tuple) or not all(isinstance(key, CameraKey) for key in self.motion):
+            raise UsageError(f"motion: {short_repr(self.motion)} where a tuple of CameraKey is needed")
         for name in ("resolution", "shutter", "motion", "principal_point"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
 
@@ -107,17 +116,22 @@ class Camera:
         right = right / np.linalg.norm(right)
         return right, np.cross(right, forward), forward
 
+    @checked
     def turned(self, degrees: float) -> Camera:
         """Return the camera rotated about the axis `up` through its target, counter-clockwise seen from above.
 
         The result does not move; it has the pose at the start of the camera's motion.
         """
+        if not np.isfinite(degrees):
+            raise UsageError(f"degrees: {short_repr(degrees)} where a finite number is needed")
         arm = self.position - self.target
         rotation = matrix33.create_from_axis_rotation(np.asarray(self.up, np.float64), np.radians(degrees))
         return replace(self, position=self.target + arm @ rotation, motion=())
 
+    @checked
     def turntable(self, frames: int) -> list[Camera]:
-        """Return `frames` cameras at equal angles around the target."""
+        """Return `frames` cameras, at most 100,000, at equal angles around the target."""
+        check_count("frames", frames, 0, _MAX_FRAMES)
         return [self.turned(360.0 * i / frames) for i in range(frames)]
 
     @property
@@ -131,6 +145,7 @@ class Camera:
             and opened < closed
         )
 
+    @checked
     def at(self, time: float | None = None) -> Camera:
         """Return a camera without motion, with the pose at `time` and a shutter that opens and closes at `time`.
 
@@ -196,6 +211,7 @@ class Camera:
         width, height = self.resolution
         return np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
 
+    @checked
     def rays(self, at: ArrayLike | None = None) -> Float64:
         """Return (..., 3) float64 unit directions of rays through image positions; they start at `origins`.
 
@@ -217,6 +233,7 @@ class Camera:
         directions = forward + across[..., None] * right + above[..., None] * up
         return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True))
 
+    @checked
     def origins(self, at: ArrayLike | None = None) -> Float64:
         """Return (..., 3) float64 origins of `rays`.
 
@@ -228,6 +245,7 @@ class Camera:
         (right, up, _), (fx, fy) = self.frame(), self.focal_lengths
         return np.asarray(self.position + (x / fx)[..., None] * right + (y / fy)[..., None] * up)
 
+    @checked
     def project(self, points: ArrayLike) -> tuple[Float64, Float64]:
         """Return image positions (..., 2) and depths (...) along the view of points (..., 3).
 
@@ -235,7 +253,7 @@ class Camera:
         panorama no point is behind the eye, and the depth is the distance.
         """
         right, up, forward = self.frame()
-        seen = np.asarray(points, np.float64) - self.position
+        seen = _vectors("points", points, 3) - self.position
         across, above, depth = seen @ right, seen @ up, seen @ forward
         (width, height), (fx, fy), (middle_x, middle_y) = self.resolution, self.focal_lengths, self.centre
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -257,14 +275,25 @@ class Camera:
 
     def _from_middle(self, at: ArrayLike | None) -> tuple[Float64, Float64]:
         """Return pixel offsets from the view axis, to the right and up."""
-        x, y = np.moveaxis(self.pixel_centres() if at is None else np.asarray(at, np.float64), -1, 0)
+        x, y = np.moveaxis(self.pixel_centres() if at is None else _vectors("at", at, 2), -1, 0)
         middle_x, middle_y = self.centre
         return x - middle_x, middle_y - y
 
 
 def _hold_arrays(of: Camera | CameraKey) -> None:
     for name in ("position", "target", "up"):
-        object.__setattr__(of, name, np.asarray(getattr(of, name), np.float64))
+        vector = np.asarray(getattr(of, name), np.float64)
+        if vector.shape != (3,):
+            raise UsageError(f"{name}: {short_repr(getattr(of, name))} where three numbers are needed")
+        object.__setattr__(of, name, vector)
+
+
+def _vectors(name: str, given: ArrayLike, size: int) -> Float64:
+    """Return an array (..., size). Raises UsageError for another shape."""
+    found = np.asarray(given, np.float64)
+    if found.shape[-1:] != (size,):
+        raise UsageError(f"{name}: an array of shape {found.shape} where (..., {size}) is needed")
+    return found
 
 
 def framing(points: Float64, resolution: tuple[int, int], up: ArrayLike = (0.0, 1.0, 0.0)) -> Camera:

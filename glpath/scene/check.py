@@ -14,6 +14,7 @@ from glpath.scene.geometry import LARGEST
 from glpath.scene.model import Camera, Light, Mesh, Scene, Shape
 from glpath.scene.sight import enclosing, sees_anything, touched_shape
 from glpath.scene.source_location import SourceLocation, coordinates
+from glpath.system.arguments import checked
 from glpath.system.time_limit import check_time
 
 MAX_PIXELS = 2**28
@@ -24,6 +25,7 @@ _MIN_OPACITY = 0.02
 _PARALLEL = 1e-6
 
 
+@checked
 def check_camera(camera: Camera, source: str | SourceLocation) -> None:
     """Raise SceneError if the camera has no view: no direction, no up vector, no angle or no pixels.
 
@@ -124,6 +126,7 @@ def _check_pose(camera: Camera | CameraKey, location: SourceLocation) -> None:
         )
 
 
+@checked
 def check_scene(scene: Scene, seen: bool = True) -> list[str]:
     """Return warnings about a scene that can be rendered, but probably not as intended; empty if none apply.
 

@@ -21,6 +21,7 @@ from glpath.scene.directional_albedo import (
 from glpath.scene.geometry import Float64
 from glpath.scene.iridescence import film_reflects
 from glpath.scene.slab import between_faces, hemispherical
+from glpath.system.arguments import checked_fields
 
 Wrap = Literal["repeat", "clamp", "mirror"]
 Layering = Literal["gltf", "plastic", "disney", "beside"]
@@ -63,6 +64,7 @@ SLOTS = (
 )
 
 
+@checked_fields
 @dataclass(frozen=True)
 class Texture:
     """Image that colours surfaces, by default repeated endlessly. A checker is an unfiltered image of 2 x 2 texels.

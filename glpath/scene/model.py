@@ -5,7 +5,7 @@ Quads and boxes are already meshes here. Spheres and planes stay exact, for engi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Literal, get_args
@@ -25,7 +25,7 @@ from glpath.scene.profile import LightProfile
 from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
 from glpath.scene.studio import ground_below, nearest_axis, studio
-from glpath.system.arguments import checked, short_repr
+from glpath.system.arguments import checked, checked_fields, short_repr
 from glpath.system.time_limit import check_time
 
 __all__ = [
@@ -59,6 +59,7 @@ _CHUNK = 1 << 14
 _WORDS = {"stream": "streamed triangle"}
 
 
+@checked_fields
 @dataclass(frozen=True)
 class Light:
     """Punctual light. Shapes with an emission are lights too, but are not represented by this class.
@@ -128,6 +129,7 @@ class Scene:
     background: Background | None = None
 
     def __post_init__(self) -> None:
+        self._check_types()
         object.__setattr__(self, "shapes", Shapes.of(self.shapes))
         for name in ("name", "source"):
             object.__setattr__(self, name, encodable(getattr(self, name)))
@@ -139,6 +141,11 @@ class Scene:
         for shape in self.shapes:
             if not isinstance(shape.geometry, Mesh) or not shape.count:
                 continue
+            if not 0 <= shape.material < len(self.materials):
+                raise SceneError(
+                    f'{self.source or self.name}: the shape "{shape.name}" has the material {shape.material}, but '
+                    f"the scene has {len(self.materials)} materials, counted from 0."
+                )
             material = self.materials[shape.material]
             for uv_set in {slot.uv_set for slot in material.slots.values()}:
                 field_name = ("uv", "uv1")[uv_set]
@@ -150,6 +157,20 @@ class Scene:
                         f"Give the mesh `{field_name}`, one pair for each vertex, or the shape a material without "
                         "a texture.",
                     )
+
+    def _check_types(self) -> None:
+        """Raise UsageError for fields of wrong types."""
+        for name in ("name", "source"):
+            if not isinstance(getattr(self, name), str):
+                raise UsageError(f"Scene.{name}: {short_repr(getattr(self, name))} where text is needed")
+        if not isinstance(self.camera, Camera | None):
+            raise UsageError(f"Scene.camera: {short_repr(self.camera)} where a Camera is needed")
+        for name, kind in _ELEMENTS.items():
+            values = getattr(self, name)
+            # `Shapes` is passed on unchecked, because it may have a million elements.
+            if isinstance(values, Shapes) or (isinstance(values, tuple | list) and _all_are(values, kind)):
+                continue
+            raise UsageError(f"Scene.{name}: {short_repr(values)} where a tuple of {kind.__name__} is needed")
 
     @property
     def triangles(self) -> Float64:
@@ -395,6 +416,20 @@ class Scene:
         if camera:
             return digest_of(self)
         return digest_of(replace(self, camera=None, background=None))  # type: ignore[arg-type]
+
+
+# Type of the elements of each field of a scene that is a tuple.
+_ELEMENTS: dict[str, type] = {
+    "shapes": Shape,
+    "materials": Material,
+    "textures": Texture,
+    "lights": Light,
+    "portals": Portal,
+}
+
+
+def _all_are(values: Iterable[object], kind: type) -> bool:
+    return all(isinstance(each, kind) for each in values)
 
 
 def _is_framed(scene: Scene) -> bool:

@@ -16,9 +16,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.system.arguments import checked_fields
+
 Float64 = NDArray[np.float64]
 
 
+@checked_fields
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Motion of a shape's instances: the affine map of the motion is applied after the maps `placed`.

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneError
+from glpath.system.arguments import checked_fields
 
 #: Maximum number of portals in a scene: each vertex computes the solid angle of each.
 MAX_PORTALS = 16
@@ -26,6 +27,7 @@ MAX_PORTALS = 16
 _TOLERANCE = 1e-3
 
 
+@checked_fields
 @dataclass(frozen=True, eq=False)
 class Portal:
     """Rectangle through which the sky is visible.

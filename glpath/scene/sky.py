@@ -21,6 +21,7 @@ from glpath.errors import SceneError
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import perpendicular
 from glpath.scene.sun import Sun
+from glpath.system.arguments import checked_fields, short_repr
 
 Float64 = NDArray[np.float64]
 
@@ -35,6 +36,15 @@ _SUN = 4.0
 _STEPS = 4
 
 
+def _three_numbers(name: str, given: ArrayLike) -> Float64:
+    """Return a vector (3,). Raises SceneError for another shape, and for numbers that are not finite."""
+    vector = np.asarray(given, np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise SceneError(f"{name}: {short_repr(given)}, but must be three finite numbers.")
+    return vector
+
+
+@checked_fields
 @dataclass(frozen=True)
 class Sky:
     """Sky that blends from horizon (and below) to zenith by the sine of the elevation.
@@ -42,12 +52,18 @@ class Sky:
     zenith, horizon : (3,) float64 radiance, linear Rec. 709
     up              : (3,) float64 unit
     assumed         : True if it substitutes for light that a file lacks: images use it, and measurements reject it
+
+    Raises SceneError for vectors of another shape, and for numbers that are not finite.
     """
 
     zenith: Float64
     horizon: Float64
     up: Float64 = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
     assumed: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("zenith", "horizon", "up"):
+            object.__setattr__(self, name, _three_numbers(f"Sky.{name}", getattr(self, name)))
 
     def radiance(self, directions: ArrayLike) -> Float64:
         """Return the (..., 3) radiance in W sr^-1 m^-2 in unit directions (..., 3)."""
@@ -90,6 +106,7 @@ class Sky:
         return np.asarray(r * np.cos(phi) * x + r * np.sin(phi) * y + z * self.up)
 
 
+@checked_fields
 @dataclass(frozen=True, eq=False)
 class Environment:
     """Environment map: the radiance of all directions as an image, filtered bilinearly.
@@ -126,6 +143,7 @@ class Environment:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "image", np.ascontiguousarray(self.image, np.float32))
+        object.__setattr__(self, "up", _three_numbers("Environment.up", self.up))
         shape = self.image.shape
         if len(shape) != 3 or shape[2] != 3 or not self.image.size:
             raise SceneError(f"Environment.image: an array of shape {shape}, but must be (h, w, 3).")

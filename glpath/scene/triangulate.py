@@ -11,6 +11,7 @@ from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape, Shapes
 from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import unit_sphere, with_area, without_area
+from glpath.system.arguments import checked
 from glpath.system.time_limit import check_time
 
 # Maximum number of triangles, about ten gigabytes on the device; more are probably a mistake.
@@ -19,6 +20,7 @@ MAX_TRIANGLES = 2**27
 _LISTED = 3
 
 
+@checked
 def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True) -> Scene:
     """Return the scene in triangles only, in the order of its shapes, relative to its `origin` (`Scene.centred`).
 

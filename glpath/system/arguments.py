@@ -27,6 +27,7 @@ from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
 from glpath.errors import UsageError
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Kind = TypeVar("Kind", bound=type)
 _Accepts = Callable[[Any], bool]
 
 # Smallest and largest integer of 64 bits, signed or unsigned. Python refuses to write integers of more than 4,300
@@ -53,7 +54,11 @@ class _Shortened(reprlib.Repr):
 
 def short_repr(value: object) -> str:
     """Return the value's `repr` for a message, on one line and shortened if it is long."""
-    return " ".join(_Shortened().repr(value).split())
+    try:
+        text = _Shortened().repr(value)
+    except Exception:  # `repr` of an element may raise any error
+        text = f"an object of the type {type(value).__name__}"
+    return " ".join(text.split())
 
 
 def check_count(name: str, value: object, low: int, high: int) -> None:
@@ -102,6 +107,12 @@ def checked(function: Function, namespace: Mapping[str, Any] | None = None) -> F
         return function(*given, **by_name)
 
     return typing.cast("Function", call)
+
+
+def checked_fields(kind: Kind) -> Kind:
+    """Return the dataclass with checks of its fields' types when an object is made; see `checked`."""
+    kind.__init__ = checked(kind.__init__)  # type: ignore[misc]
+    return kind
 
 
 class _Type(NamedTuple):
@@ -224,16 +235,27 @@ def _is_flag(value: object) -> bool:
 
 
 def _is_whole(value: object) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool)
+    return isinstance(value, Integral) and not _is_flag_or_duration(value)
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
+    return type(value) in (int, float) or (isinstance(value, Real) and not _is_flag_or_duration(value))
+
+
+def _is_flag_or_duration(value: object) -> bool:
+    """Return True for a bool, and for numpy's timedelta64.
+
+    numpy registers timedelta64 as an integer, but it cannot be converted to float.
+    """
+    return isinstance(value, bool) or type(value).__name__ == "timedelta64"
 
 
 def _is_path(value: object) -> bool:
-    text = os.fspath(value) if isinstance(value, str | os.PathLike) else b""
-    return isinstance(text, str) and "\0" not in text
+    try:
+        text = os.fspath(value) if isinstance(value, str | os.PathLike) else b""
+        return isinstance(text, str) and b"\0" not in os.fsencode(text)
+    except Exception:  # a lone surrogate; `__fspath__` of an object may raise any error
+        return False
 
 
 def _is_names(value: Any) -> bool:
@@ -253,6 +275,8 @@ def _is_list(value: Any) -> bool:
 
 def _is_numbers(value: Any) -> bool:
     """Return True for a number, an array of numbers, nested lists of numbers, or an object that numpy converts."""
+    if _is_array(value) and value.dtype.kind in "fiub":  # most arrays
+        return True
     if isinstance(value, list | tuple) or _is_array(value):
         import numpy as np
 
@@ -263,7 +287,7 @@ def _is_numbers(value: Any) -> bool:
         except Exception:  # elements may raise any error
             return False
     if hasattr(value, "dtype") and hasattr(value.dtype, "kind"):
-        return value.dtype.kind not in "SUV"
+        return value.dtype.kind not in "SUVmMc"
     return _is_number(value) or hasattr(value, "__array__") or hasattr(value, "__array_interface__")
 
 
@@ -275,7 +299,7 @@ def _is_iterable(value: object) -> bool:
     return isinstance(value, Iterable) and not isinstance(value, str | bytes) and getattr(value, "ndim", 1) != 0
 
 
-_PATH = "a path without NUL characters"
+_PATH = "a path without NUL characters and lone surrogates"
 _NAMED: Mapping[str, _Type] = {
     "None": _Type(lambda value: value is None, "None"),
     "bool": _Type(_is_flag, "True or False"),

@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from glpath.compare import BLOCK_SIDE, Picture, compare, default_mode, flip_map, flip_picture, read_limits
+from glpath.compare import (
+    BLOCK_SIDE,
+    Picture,
+    compare,
+    default_mode,
+    flip_map,
+    flip_picture,
+    max_difference_pair,
+    measures,
+    picture_from_bytes,
+    picture_of_pillow,
+    read_limits,
+    read_picture,
+)
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film.image import decode_srgb, read_exr_channels, read_image
 from tests.conftest import MakeFilm
@@ -261,3 +275,40 @@ def test_flip_says_which_package_is_missing(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setitem(sys.modules, "flip_evaluator", None)
     with pytest.raises(GlpathError, match=r"flip-evaluator is not installed(.|\n)*glpath\[flip\]"):
         flip_map(GREY, GREY)
+
+
+IMAGE, PICTURE = np.ones((4, 4, 3)), Picture.of_array(np.ones((4, 4, 3)))
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: measures.mse("x", IMAGE),
+        lambda: measures.mse(IMAGE, None),
+        lambda: measures.psnr([[1, 2], [3]], IMAGE),
+        lambda: measures.psnr(IMAGE, IMAGE, "x"),
+        lambda: measures.psnr(IMAGE, IMAGE, 1e308),
+        lambda: measures.percent_beyond(IMAGE, IMAGE, "x"),
+        lambda: measures.mean_ratio(IMAGE, "x"),
+        lambda: measures.max_difference({}, IMAGE),
+        lambda: measures.difference_image(IMAGE, IMAGE, "x"),
+        lambda: measures.difference_image(IMAGE, IMAGE, 1.0, -1.0),
+        lambda: measures.difference_image(IMAGE, IMAGE, np.inf),
+        lambda: compare(IMAGE, IMAGE),
+        lambda: compare(PICTURE, PICTURE, mode=[]),
+        lambda: compare(PICTURE, PICTURE, mode="fuzzy", threshold="x"),
+        lambda: default_mode(PICTURE, None),
+        lambda: max_difference_pair(IMAGE, PICTURE),
+        lambda: read_limits("fuzzy", [5]),
+        lambda: read_picture(None),
+        lambda: picture_from_bytes("a.png"),
+        lambda: picture_of_pillow(IMAGE),
+        lambda: flip_map(IMAGE, IMAGE, ppd="x"),
+        lambda: flip_picture(IMAGE, "x"),
+        lambda: Picture.of_film(IMAGE),
+        lambda: PICTURE.over("white"),
+    ],
+)
+def test_wrong_arguments_of_comparisons_are_refused(call: Callable[[], object]) -> None:
+    with pytest.raises(GlpathError):
+        call()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import stat
 import struct
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import imageio.v3 as iio
 import numpy as np
@@ -17,7 +19,7 @@ import pytest
 from PIL import Image
 
 from glpath.compare import read_picture
-from glpath.errors import ImageError, UsageError
+from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film import image
 from glpath.film.choices import TONEMAP_NAMES
 from glpath.film.film import read_image
@@ -431,3 +433,48 @@ def test_what_is_transparent_is_white_in_a_jpeg(tmp_path: Path) -> None:
 def test_a_picture_that_no_jpeg_can_hold_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="65,535 along a side at most"):
         image.write_jpeg(tmp_path / "a.jpg", np.zeros((1, 65_536, 3), np.uint8))
+
+
+COLOURS, LEVELS = np.ones((4, 4, 3)), np.zeros((4, 4, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda path: image.luminance("x"),
+        lambda path: image.luminance(np.ones((4, 4))),
+        lambda path: image.auto_exposure(np.ones((4, 4))),
+        lambda path: image.decode_srgb("x"),
+        lambda path: image.encode_srgb(None),
+        lambda path: image.tonemap(COLOURS, "x"),
+        lambda path: image.tonemap(COLOURS, math.nan),
+        lambda path: image.tonemap(COLOURS, 0, ["srgb"]),
+        lambda path: image.tonemap(np.ones((4, 4))),
+        lambda path: image.encode_png(COLOURS),
+        lambda path: image.encode_png(np.zeros((0, 0, 3), np.uint8)),
+        lambda path: image.encode_png(LEVELS, {"a": 5}),
+        lambda path: image.encode_png(LEVELS, {"a": "\ud800"}),
+        lambda path: image.write_png(path / "a.png", COLOURS),
+        lambda path: image.write_png(path / "a\0.png", LEVELS),
+        lambda path: image.write_exr(None, COLOURS),
+        lambda path: image.write_exr(path / "a.exr", np.ones((4, 4))),
+        lambda path: image.write_exr(path / "a.exr", COLOURS, window=(2**62, 0, 4, 4)),
+        lambda path: image.write_exr(path / "a.exr", COLOURS, alpha=np.ones((2, 2))),
+        lambda path: image.read_image(path / "a\0.png"),
+    ],
+)
+def test_wrong_arguments_of_image_functions_are_refused(call: Any, tmp_path: Path) -> None:
+    with pytest.raises(GlpathError) as error:
+        call(tmp_path)
+    assert not isinstance(error.value.__cause__, TypeError)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_float_picture_as_a_png_has_a_remedy() -> None:
+    with pytest.raises(ImageError, match=r"float64, expected \(H, W, 3\) of uint8.\n  .*tonemap"):
+        image.encode_png(COLOURS)  # type: ignore[arg-type]
+
+
+def test_srgb_functions_keep_the_type_of_arrays() -> None:
+    assert image.decode_srgb(np.ones(3, np.float32)).dtype == np.float32
+    assert image.encode_srgb([0.0, 1.0]).tolist() == pytest.approx([0.0, 1.0])  # type: ignore[arg-type]

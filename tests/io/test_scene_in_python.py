@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,9 +13,11 @@ import pytest
 import trimesh
 
 import glpath
-from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath import io
+from glpath.errors import GlpathError, SceneError, SceneWarning, UsageError
 from glpath.io import load_scene
 from glpath.scene.sight import sees_anything
+from glpath.system.arguments import short_repr
 
 CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
 LAMP = {"type": "sphere", "radius": 0.1, "center": [0, 5, 0], "emission": {"radiance": 3}}
@@ -261,8 +264,32 @@ def test_the_first_scenes_may_be_loaded_by_many_threads_at_once():
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
 
 
-@pytest.mark.parametrize("part", ["camera", "ambient", "shapes"])
-def test_range_in_a_dictionary_is_refused(part: str) -> None:
-    scene = {"camera": {"position": [0, 0, 4], "target": [0, 0, 0]}, "shapes": [{"type": "sphere", "radius": 1}]}
-    with pytest.raises(SceneError):
-        glpath.load_scene({**scene, part: range(2)})
+@pytest.mark.parametrize("value", [range(3), {1, 2}, object(), b"x", 1j], ids=lambda value: type(value).__name__)
+@pytest.mark.parametrize("key", ["camera", "shapes", "materials", "name"])
+def test_objects_without_a_form_in_files_are_errors_of_the_scene(key: str, value: Any) -> None:
+    scene: dict[str, Any] = {"camera": CAMERA, "shapes": [LAMP], key: value}
+    with pytest.raises(GlpathError, match=key):
+        load_scene(scene)
+
+
+def test_a_range_is_a_list() -> None:
+    ball = {"type": "sphere", "center": range(3), "radius": 1}
+    assert load_scene({"camera": CAMERA, "shapes": [ball, LAMP]}).spheres[0, :, 3].tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("function", "value"),
+    [
+        (io.scene_animations, None),
+        (io.scene_cameras, None),
+        (io.scene_variants, 5),
+        (io.scene_parameters, None),
+        (io.parameters_from_options, None),
+        (io.parameters_from_options, [5]),
+        (io.scene_from_dict, []),
+        (io.scene_from_dict, None),
+    ],
+)
+def test_functions_for_scenes_refuse_other_types(function: Any, value: Any) -> None:
+    with pytest.raises(GlpathError, match=re.escape(short_repr(value))):
+        function(value)

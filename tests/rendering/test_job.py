@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.errors import UsageError
 from glpath.film.batches import BLOCK
 from glpath.integrators.gather_settings import GatherSettings
 from glpath.io import load_scene
@@ -196,3 +197,17 @@ def test_info_prints_the_digest_that_a_job_goes_by() -> None:
     digest = RenderJob.of(BOX).scene.sha256
     assert f"sha256:{digest}" in cli("info", BOX).stdout
     assert json.loads(cli("info", BOX, "--json").stdout)["content_sha256"] == digest
+
+
+@pytest.mark.parametrize("path", [None, 5, "a\0b", "\ud800", 2**63, b"a"], ids=ascii)
+def test_a_job_needs_a_path(path: Any) -> None:
+    with pytest.raises(UsageError, match=r"^path: "):
+        RenderJob.load(path)
+    with pytest.raises(UsageError, match=r"^path: "):
+        RenderJob.of(BOX, spp=1).save(path)
+
+
+@pytest.mark.parametrize("text", [None, b"{}", "\ud800"], ids=ascii)
+def test_a_job_needs_text(text: Any) -> None:
+    with pytest.raises(UsageError):
+        RenderJob.from_json(text)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from glpath.errors import SceneError
+from glpath.errors import SceneError, UsageError
 from glpath.sampling.points import PathSetSampler
 from glpath.scene import Camera, check_camera
 from glpath.scene.camera import CameraKey, Projection, framed
@@ -185,3 +187,59 @@ def test_framed_points_fill_the_picture_of_a_camera_that_does_not_turn(camera: C
     assert 0.75 < share.max() < 1.0
     assert (at > 0).all()
     assert (at < after.resolution).all()
+
+
+POSE: dict[str, Any] = {
+    "position": [0, 0, 3],
+    "target": [0, 0, 0],
+    "up": [0, 1, 0],
+    "fov": 40,
+    "resolution": (4, 4),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("position", "x"),
+        ("position", [10**400] * 3),
+        ("position", [1, 2]),
+        ("target", None),
+        ("up", 5),
+        ("fov", "x"),
+        ("fov", None),
+        ("resolution", None),
+        ("resolution", 5),
+        ("resolution", (4, 4, 4)),
+        ("shutter", 1),
+        ("motion", None),
+        ("motion", [1]),
+        ("projection", 5),
+        ("pixel_aspect", "x"),
+        ("principal_point", (1,)),
+    ],
+)
+def test_a_camera_refuses_fields_of_other_types(name: str, value: Any) -> None:
+    with pytest.raises(UsageError, match=rf"^{name}: "):
+        Camera(**POSE | {name: value})
+
+
+@pytest.mark.parametrize(
+    ("method", "value"),
+    [
+        ("turntable", 10**400),
+        ("turntable", 10**6),
+        ("turntable", -1),
+        ("turntable", "x"),
+        ("turned", "x"),
+        ("turned", math.inf),
+        ("project", "x"),
+        ("project", [1, 2]),
+        ("rays", [1, 2, 3]),
+        ("origins", "x"),
+        ("at", "x"),
+    ],
+)
+def test_a_camera_refuses_wrong_arguments(method: str, value: Any) -> None:
+    with pytest.raises(UsageError):
+        getattr(Camera(**POSE), method)(value)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -12,9 +13,10 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 import numpy as np
 import pytest
 
-from glpath.errors import SceneError
+from glpath.errors import GlpathError, SceneError
 from glpath.io import load_scene, scene_from_dict
-from glpath.scene import Background, CameraKey, Motion
+from glpath.radiosity.picture import picture_of
+from glpath.scene import Background, CameraKey, Motion, check_camera, check_scene, path_traceable
 from glpath.scene.digest import UNSEEN
 from glpath.scene.material import SLOTS
 from glpath.scene.model import (
@@ -337,3 +339,53 @@ def test_what_is_derived_stays_with_the_shapes_and_cannot_be_written_to():
     with pytest.raises(ValueError, match="read-only"):
         one.triangles[0] = 0
     assert pickle.loads(pickle.dumps(one)).digest() == one.digest()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("name", None),
+        ("source", 5),
+        ("camera", "x"),
+        ("shapes", None),
+        ("shapes", [1]),
+        ("materials", None),
+        ("materials", ()),
+        ("textures", "x"),
+        ("lights", [None]),
+        ("portals", 5),
+    ],
+)
+def test_a_scene_refuses_fields_of_other_types(name: str, value: Any) -> None:
+    with pytest.raises(GlpathError, match=name.rstrip("s")):
+        replace(load_scene("cornell-box-36"), **{name: value})
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda scene: scene.add(None),
+        lambda scene: scene.add([1]),
+        lambda scene: Environment("x"),
+        lambda scene: Environment(np.ones((2, 4, 3)), up=[0, 1]),
+        lambda scene: Portal("x"),
+        lambda scene: Sky([math.nan] * 3, None),
+        lambda scene: Sky([math.nan] * 3, [1, 1, 1]),
+        lambda scene: Sky([1, 1], [1, 1, 1]),
+        lambda scene: Light("a", "point", None),
+        lambda scene: Background(radiance="x"),
+        lambda scene: Motion("x", None, None),
+        lambda scene: Texture("a", None),
+        lambda scene: check_scene(None),
+        lambda scene: check_camera(None, "a"),
+        lambda scene: path_traceable("cornell-box"),
+        lambda scene: picture_of("cornell-box-36", scene),
+    ],
+)
+def test_wrong_arguments_of_scene_objects_are_refused(call: Callable[[Any], object]) -> None:
+    with pytest.raises(GlpathError):
+        call(load_scene("cornell-box-36"))
+
+
+def test_a_sky_accepts_lists() -> None:
+    assert Sky([1, 1, 1], [0, 0, 0]).radiance([[0, 1, 0]]).tolist() == [[1, 1, 1]]

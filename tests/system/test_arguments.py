@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
 import pickle
 import time
 from collections import ChainMap
@@ -295,6 +296,13 @@ class Broken:
         raise RuntimeError("no text")
 
 
+class BrokenPath(os.PathLike[str]):
+    """Path without a text."""
+
+    def __fspath__(self) -> str:
+        raise RuntimeError("no text")
+
+
 RECURSIVE: list[Any] = []
 RECURSIVE.append(RECURSIVE)
 DEEP = functools.reduce(lambda inside, _: [inside], range(3000), [])
@@ -329,6 +337,11 @@ CALLS: dict[str, Callable[[], Any]] = {
     "long groups": lambda: glpath.view_factors(FLOOR, groups=LONG),
     "long pattern": lambda: glpath.texels(BOX, 1.0, shapes=LONG),
     "long option": lambda: glpath.render(BOX, **{LONG: 1}),
+    "cast without a text": lambda: glpath.render(BOX, cast=Broken()),  # type: ignore[arg-type]
+    "key without a text": lambda: glpath.load_scene({Broken(): 1}),  # type: ignore[dict-item]
+    "camera that is a range": lambda: glpath.load_scene({"camera": range(3)}),
+    "path with a lone surrogate": lambda: glpath.read_image("\ud800"),
+    "path without a text": lambda: glpath.read_image(BrokenPath()),  # type: ignore[arg-type]
     "long parameter": lambda: glpath.load_scene("teapot", {LONG: 1}),
 }
 
@@ -350,6 +363,41 @@ def test_a_real_number_of_another_type_is_passed_on_as_a_float() -> None:
     assert glpath.load_height_field(HEIGHTS, spacing=np.float32(2)).spacing == (2.0, 2.0)
     assert checked(_identity)(Fraction(1, 4)) == 0.25
     assert type(checked(_identity)(np.float32(0.5))) is float
+
+
+SECOND = np.timedelta64(1, "s")
+DURATIONS: dict[str, Callable[[Any], Any]] = {
+    "epsilon": lambda value: relative_mse(np.ones((2, 2, 3)), np.ones((2, 2, 3)), value),
+    "image": lambda value: relative_mse(np.full((2, 2, 3), value), np.ones((2, 2, 3))),
+    "height": lambda value: glpath.horizon(HEIGHTS, height=value),
+    "size": lambda value: glpath.texels(BOX, value),
+    "latitude": lambda value: glpath.daylight_coefficients(BOX, POINT, [UP], latitude=value),
+    "up": lambda value: glpath.daylight_coefficients(BOX, POINT, [UP], up=[value] * 3),
+    "threshold": lambda value: glpath.solve_radiosity(BOX, threshold=value),
+    "seed": lambda value: glpath.render(BOX, seed=value),
+    "spp": lambda value: glpath.render(BOX, spp=value),
+}
+
+
+@pytest.mark.parametrize("name", DURATIONS)
+def test_a_duration_of_numpy_is_not_a_number(name: str) -> None:
+    with pytest.raises(UsageError, match=rf"^{name}\b"):
+        DURATIONS[name](SECOND)
+
+
+def test_complex_numbers_are_not_an_array_of_numbers() -> None:
+    with pytest.raises(UsageError, match=r"^points: .*an array of numbers is needed"):
+        glpath.irradiance(BOX, [[1j, 0, 0]], [UP])  # type: ignore[list-item]
+
+
+def test_the_text_of_a_value_that_cannot_be_written_names_its_type() -> None:
+    def no_length(_: object) -> int:
+        raise RuntimeError("no length")
+
+    unlisted = type("list", (list,), {"__len__": no_length})  # reprlib takes a type of this name for a list
+    assert "Broken" in short_repr(Broken())
+    assert "Broken" in short_repr([Broken()])
+    assert short_repr(unlisted([1])) == "an object of the type list"
 
 
 def _identity(value: float) -> float:
