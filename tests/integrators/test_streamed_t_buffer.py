@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import replace
 from typing import Any
 
@@ -61,7 +62,7 @@ def test_a_streamed_scene_has_the_bits_of_one_in_memory(light: dict[str, Any], s
 def test_so_it_has_where_a_compute_shader_takes_small_triangles(
     squares: int, projection: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(TBuffer.__init__.__kwdefaults__, "split_from", 1)
+    monkeypatch.setitem(inspect.unwrap(TBuffer.__init__).__kwdefaults__, "split_from", 1)
     camera = {"projection": projection, **({"height": 4.0} if projection == "orthographic" else {})}
     scenes = both(Hills(3, squares), **LAMPS)
     assert_bits_in_memory((scenes[0].with_camera(**camera), scenes[1].with_camera(**camera)), aovs=AOVS)

@@ -200,7 +200,7 @@ def test_what_has_no_light_is_told_apart_from_the_rest(tmp_path: Path) -> None:
         ([[0, 0, 1], [0, 0, 1]], [[0, 0, 1], [0, 0, 0]], r"normals\[1\]: .*other than zero"),
         ([[1e300, 0, 1]], [0, 0, 1], r"points\[0\]: \[1e\+300, 0.0, 1.0\] where finite numbers from"),
         ("here", [0, 0, 1], "points: 'here' where an array of numbers"),
-        ([[0, 0, 1j]], [0, 0, 1], "arrays of numbers"),
+        ([[0, 0, 1j]], [0, 0, 1], "an array of numbers"),
     ],
 )
 def test_what_are_no_points_is_told(points: Any, normals: Any, words: str) -> None:
