@@ -108,11 +108,14 @@ class Document:
             self._lists[name] = self.root.tables(name)
         return self._lists[name]
 
+    def allowed(self, low: int, per_byte: int, high: int) -> int:
+        """Return the limit for this file: `per_byte` times its bytes, at least `low` and at most `high`."""
+        return min(max(low, per_byte * self.stored), high)
+
     def take(self, size: int, location: SourceLocation) -> None:
         """Count bytes that are about to be decoded. Raises SceneError if the total exceeds the limits."""
         self._decoded += size
-        allowed = max(limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO * self.stored)
-        allowed = min(allowed, limits.MAX_DECODED_BYTES)
+        allowed = self.allowed(limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO, limits.MAX_DECODED_BYTES)
         if self._decoded > allowed:
             raise location.error(
                 f"needs {size:,} bytes of memory, with what came before {self._decoded:,}, but files of "

@@ -412,7 +412,7 @@ class _Shapes:
     def _count_instances(self, count: int, node: int) -> None:
         """Count instances of primitives by a node. Raises SceneError if the total exceeds the limits."""
         self.instances += count
-        allowed = max(limits.ALWAYS_INSTANCES, limits.MAX_INSTANCES_RATIO * self.document.stored)
+        allowed = self.document.allowed(limits.ALWAYS_INSTANCES, limits.MAX_INSTANCES_RATIO, limits.MAX_TRIANGLES)
         if self.instances > allowed:
             raise self.nodes.tables[node].location.error(
                 f"brings the model to {self.instances:,} instances of primitives, but files of "
@@ -423,8 +423,7 @@ class _Shapes:
     def _count(self, triangles: int, node: int) -> None:
         """Count the triangles of a node's instances. Raises SceneError if the total exceeds the limits."""
         self.triangles += triangles
-        allowed = max(limits.ALWAYS_TRIANGLES, limits.MAX_TRIANGLES_RATIO * self.document.stored)
-        allowed = min(allowed, limits.MAX_TRIANGLES)
+        allowed = self.document.allowed(limits.ALWAYS_TRIANGLES, limits.MAX_TRIANGLES_RATIO, limits.MAX_TRIANGLES)
         if self.triangles > allowed:
             raise self.nodes.tables[node].location.error(
                 f"brings the model, with all instances, to {self.triangles:,} triangles, but files of "

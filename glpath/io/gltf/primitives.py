@@ -284,13 +284,12 @@ class Primitives:
     def _count_strokes(self, triangles: int, location: SourceLocation) -> None:
         """Count triangles of balls and rods that are about to be made. Raises SceneError above the limit."""
         self._stroke_triangles += triangles
-        stored = self.accessors.document.stored
-        allowed = max(limits.ALWAYS_STROKE_TRIANGLES, limits.MAX_TRIANGLES_RATIO * stored)
-        allowed = min(allowed, limits.MAX_TRIANGLES)
+        document = self.accessors.document
+        allowed = document.allowed(limits.ALWAYS_STROKE_TRIANGLES, limits.MAX_TRIANGLES_RATIO, limits.MAX_TRIANGLES)
         if self._stroke_triangles > allowed:
             raise location.error(
                 f"brings the points and lines, drawn as balls and rods, to {self._stroke_triangles:,} triangles, "
-                f"but files of {stored:,} bytes may have {allowed:,}.",
+                f"but files of {document.stored:,} bytes may have {allowed:,}.",
                 "Use fewer points and lines.",
             )
 
