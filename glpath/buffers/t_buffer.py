@@ -304,8 +304,8 @@ class _Squares:
         self._radii = np.linalg.norm(spheres[:, :, 0], axis=1)
         self._gl = objects.gl
         self._size = size
-        # A point whose centre is outside the window is not drawn. No square is wider than the window, so each has
-        # its centre inside.
+        # OpenGL draws squares as points, and drops those with a centre outside the window. No square is wider than
+        # the window, so that all centres are inside.
         self.side = min(_SQUARE, largest_point(objects.gl), *size)
         self.count = 0
         self.texture = self._table(len(spheres))

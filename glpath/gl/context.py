@@ -65,7 +65,7 @@ from glpath.system.interactive import around_cells, in_cell
 
 
 class _Kept:
-    """Token of a thread that keeps the context. Its collection, when the thread ends, releases the context."""
+    """Token of a thread that keeps the context. When the thread ends, it is freed, and releases the context."""
 
 
 @dataclass

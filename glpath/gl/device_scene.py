@@ -89,7 +89,7 @@ class DeviceScene(Owner):
         """Put a scene on the device.
 
         geometry_budget : MiB for streamed triangles, for engines that support streaming
-        lighting   : lighting whose densities the emitting triangles get, if it differs from the scene's own
+        lighting   : gives the emitting triangles their sampling densities; None: made from the scene
         deviations : deviation of each shape from the original, scene units, if the scene is simplified
         """
         self.gl = gl

@@ -1,4 +1,4 @@
-"""Errors for allocations that exceed the device's memory, with size and caller; OpenGL reports neither."""
+"""Errors for allocations that exceed the device's memory. They name size and caller, unlike OpenGL's own error."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def rod_triangles(points: Float64, lines: Int64) -> int:
 
 
 def _ball(count: int) -> tuple[Float64, Int64]:
-    """Return the vertices and faces of each of `count` balls."""
+    """Return the vertices and faces of a unit ball, which is coarser if there are many balls (`count`)."""
     if count > _VERY_MANY:
         return _OCTAHEDRON_VERTICES, _OCTAHEDRON_FACES
     sphere = unit_sphere(0 if count > _MANY else 1)

@@ -247,7 +247,7 @@ class Camera:
 
     @checked
     def project(self, points: ArrayLike) -> tuple[Float64, Float64]:
-        """Return image positions (..., 2) and depths (...) along the view of points (..., 3).
+        """Return the image positions (..., 2) of points (..., 3), and their depths (...) along the view direction.
 
         An image position has no meaning if its depth is 0 or below, because the point is behind the eye. For a
         panorama no point is behind the eye, and the depth is the distance.

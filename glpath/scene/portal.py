@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import SceneError
 from glpath.system.arguments import checked_fields
 
-#: Maximum number of portals in a scene: each vertex computes the solid angle of each.
+#: Maximum number of portals in a scene. Every vertex of a path computes the solid angles of all portals.
 MAX_PORTALS = 16
 # Maximum difference of opposite edges, relative to their length, and maximum cosine of a right angle. It allows
 # coordinates that are rounded to four digits.

@@ -152,7 +152,7 @@ def _sees_spheres(camera: Camera, spheres: Float64) -> bool:
     edges = np.einsum("nij,kj->nki", inverse, rays)
     edges /= np.linalg.norm(edges, axis=2, keepdims=True)
     following = np.roll(edges, -1, axis=1)
-    # Outward normals of the sides. If the transform mirrors, the edges have the opposite order.
+    # Outward normals of the pyramid's sides. A mirroring transform reverses the order of the edges.
     normals = np.cross(following, edges)
     normals *= -np.sign(np.sum(normals[:, 0] * edges[:, 2], axis=1))[:, None, None]
     outside = np.einsum("nki,ni->nk", normals, -apex)

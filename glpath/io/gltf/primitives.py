@@ -263,7 +263,7 @@ class Primitives:
         return mesh.without_faces(flat)
 
     def _stroked(self, found: dict[str, NDArray[Any]], location: SourceLocation) -> dict[str, NDArray[Any]]:
-        """Return the attributes of points or lines as attributes of balls or rods."""
+        """Replace points by balls, or lines by rods, and return the attributes of their triangles."""
         points, faces = found["POSITION"], found["faces"]
         used = used_points(len(points), faces)
         is_points = faces.shape[1] == 1

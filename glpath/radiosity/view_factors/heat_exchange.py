@@ -123,7 +123,7 @@ def exchange_of(
     system = sparse.eye_array(n) - sparse.diags_array(reflects) @ found.matrix
     j = _factorised(system).solve(own + reflects * outside)
     arriving = found.matrix @ j + outside
-    # Faces without a net flux reach the temperature of e sigma T^4 = e G.
+    # A face without a net flux emits what it absorbs: e sigma T^4 = e G.
     reached = (np.clip(arriving, 0.0, None) / SIGMA) ** 0.25
     return RadiativeExchange(
         np.where(unknown, reached, t), e, found.areas, j, arriving, found.matrix, surroundings, found.names
