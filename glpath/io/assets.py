@@ -46,8 +46,8 @@ class Assets:
     textures    : textures of the scene file, followed by those of the assets
     shutter     : times at which the camera's shutter opens and closes, seconds, for moving assets
     unit        : unit of light in the scene
-    beside_map  : True if photometric numbers of a model are taken as numbers in the unit of the environment map.
-                  Assets with a `unit` in the scene file are converted nevertheless
+    beside_map  : True if the scene has no unit, and an environment map without a unit. Photometric numbers of a
+                  model are then used unchanged, except for assets with a `unit` in the scene file
     photometric : file of the first asset that has photometric light but no `unit` in the scene file; empty if none
     """
 
@@ -70,7 +70,7 @@ class Assets:
 
         location : location of the list in the scene file
 
-        Raises SceneError. Warns once of each kind of content that is not used, for each file.
+        Raises SceneError. Warns once per file of each kind of unused content.
         """
         for index, asset in enumerate(given):
             self._add(asset, location.item(index))
@@ -106,7 +106,7 @@ class Assets:
             if moved is not None:
                 world = np.concatenate([moved.at(self.shutter[0])[0], world[3:]])
                 if model.lights and moved.moves_within(*self.shutter):
-                    text = f"{location}: its punctual lights stay where they are when the shutter opens."
+                    text = f"{location}: its punctual lights do not move; they stay where they are at shutter open."
                     warn(text)
             for light in model.lights:
                 placed = _placed_light(light, world, f"{name}/{light.name}")
@@ -132,7 +132,7 @@ class Assets:
             model = read_model(path, here, None if time is None else time + opened, closed - opened)
             if not model.shapes:
                 raise here.error(f"names {path}, which has no triangles.", "Export the file with its meshes.")
-            lost = ("Light from all around, which a scene has from its own sky.",) if model.sky is not None else ()
+            lost = ("The environment, because a scene has its own sky.",) if model.sky is not None else ()
             for note in (*model.notes, *lost):
                 text = f"{model.source}: not used: {note}"
                 if text not in self._reported:
@@ -174,7 +174,7 @@ class Assets:
         return replace(shape, world_from_object=motion.at(self.shutter[0]), motion=motion)
 
     def _replaced(self, given: Asset, read: _Read, location: SourceLocation) -> dict[int, int]:
-        """Return the index of the scene's material by the index of the model's material that it replaces."""
+        """Return a dictionary from replaced materials of the model to materials of the scene, both by index."""
         names = [material.name for material in read.model.materials]
         found: dict[int, int] = {}
         for old, new in given.materials.items():

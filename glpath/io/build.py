@@ -33,8 +33,8 @@ from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
 from glpath.system.time_limit import check_time
 
-# Maximum distance between the two diagonals of a planar quad, as a fraction of the longer diagonal. Quads with a
-# larger distance are rejected. Coordinates that are rounded to three digits cause a smaller one.
+# Maximum distance between the two diagonals of a planar quad, as a fraction of the longer diagonal. Other quads are
+# rejected. Coordinates rounded to three digits stay below the maximum.
 _PLANAR = 1e-3
 DEFAULT_MATERIAL = "default"
 # Field of view, degrees, stored for panorama and orthographic cameras, which ignore it.

@@ -39,7 +39,7 @@ _FOV = 70.0
 _CLOSED = 0.9
 # Scenes with more triangles are not tested for being a room.
 _MAX_ROOM_TRIANGLES = 2**21
-# Maximum emission of a surface that glows without being a lamp. White in the studio has this radiance.
+# Maximum radiance of a surface that glows but does not count as a lamp. White in the studio has this radiance.
 _FAINT = 1.0
 #: Parts of a scene that a caller can declare unneeded, see `aside`.
 Part = Literal["camera", "view", "light", "picture", "sky"]
@@ -49,7 +49,7 @@ _ASIDE: ContextVar[frozenset[str]] = ContextVar("aside", default=frozenset())
 
 @contextmanager
 def aside(*parts: Part) -> Iterator[None]:
-    """Return a context in which scenes are loaded by a caller that does not need these parts.
+    """Context for loading scenes for a caller that does not need these parts.
 
     "camera"  : no warning of an added camera
     "view"    : no warning of an added camera either, because the caller replaces its pose
@@ -88,7 +88,7 @@ def camera_replaced(camera: object) -> AbstractContextManager[None]:
 def completed(
     scene: Scene, *, has_camera: bool, glow_is_light: bool = True, up: Up | Float64 = "y", lying: bool = False
 ) -> Scene:
-    """Return the scene with a camera and light; a SceneWarning names each added part that is not `aside`.
+    """Return the scene with a camera and light. A SceneWarning names each added part, unless it is `aside`.
 
     has_camera    : False adds a camera inside a room, or else one that frames everything; the resolution is that of
                     the scene's camera
@@ -108,7 +108,7 @@ def completed(
     if not has_camera and not is_aside("camera") and not is_aside("view"):
         c = scene.camera
         guess = f" with z up (a guess, as {evidence}; -D up=y if y is up)" if evidence else ""
-        where = "that sees everything" if inside is None else "inside, as its walls face inwards"
+        where = "that shows everything" if inside is None else "inside, as its walls face inwards"
         notes.append(
             f"no camera, so one was set {where}{guess}: position {shown(c.position.round(3))}, target "
             f"{shown(c.target.round(3))}, fov {c.fov:g}, for {c.resolution[0]} x {c.resolution[1]} pixels"
@@ -116,8 +116,8 @@ def completed(
     emitters = [shape for shape in scene.shapes if shape.emits]
     is_lit = bool(scene.lights or scene.sky or np.any(scene.ambient > 0))
     is_lit = is_lit or (bool(emitters) if glow_is_light else _lamps_light(scene))
-    # A scene whose materials are all unlit is visible without light, so it needs only a background. With its own
-    # camera it gets none, because that camera shows the baked surroundings as intended.
+    # A scene whose materials are all unlit is visible without light, so it gets only the background of a studio. A
+    # scene with its own camera gets no background, because that camera already shows the baked surroundings.
     needs_light = not emitters or any(not scene.materials[shape.material].unlit for shape in scene.shapes)
     in_studio = not is_aside("picture")
     if not is_lit and not needs_light and not has_camera and in_studio:
@@ -170,7 +170,7 @@ def _in_studio(scene: Scene) -> Scene:
 def _lamps_light(scene: Scene) -> bool:
     """Return True if lamps light the scene, that is, if their `emitted_radiance` is above `_LAMP`.
 
-    A filament or a row of diodes is too weak: with no other light the image would be black.
+    A filament or a row of diodes alone is too weak, because the image would be black.
     """
     return emitted_radiance(scene, lambda s: s.primitive == "triangle" and not _glows(scene, s)) > _LAMP
 

@@ -25,7 +25,7 @@ def convert(value: Any, kind: Any, *, strict: bool = True) -> Any:
         except (TypeError, ValueError) as error:
             if isinstance(error, msgspec.ValidationError):
                 raise
-            raise msgspec.ValidationError("has an object of a type that has no form in a file") from error
+            raise msgspec.ValidationError("has an object of a type that a file cannot hold") from error
 
 
 def decode_json(text: str | bytes, kind: Any) -> Any:

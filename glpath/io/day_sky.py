@@ -1,4 +1,4 @@
-"""Skies of type "perez" and "sun": from irradiances and a sun, from a site and time, or from a weather file."""
+"""Build skies of type "perez" and "sun" from irradiances and a sun, a site and a time, or a weather file."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _MAX_IRRADIANCE = 1.05 * SOLAR_CONSTANT
 
 
 class _Sun(NamedTuple):
-    """Position of the sun, and the data of the day that its site or weather file gives.
+    """Position of the sun, with the irradiance and the water vapour at its site or in its weather file.
 
     direction        : (3,) unit vector towards the sun
     altitude         : degrees above the horizon
@@ -66,8 +66,8 @@ def day_sky(
         raise location.error(
             "is dark: neither direct nor diffuse irradiance.", "Take another hour, or give `direct` and `diffuse`."
         )
-    # PerezSky counts a diffuse irradiance of 0 as 1e-6. Only a sun with a solar spectrum may omit `diffuse`, and
-    # then no efficacy is used.
+    # PerezSky replaces a diffuse irradiance of 0 by 1e-6. Only a sun with a solar spectrum may omit `diffuse`, and
+    # such a sun uses no efficacy.
     sky = PerezSky.of(direct, diffuse, sun.altitude, sun.extraterrestrial)
     scale = 1.0 if scene_unit == "photometric" else 1.0 / EFFICACY
     of_direct = 1.0 if solar else scale * float(sky.direct_efficacy(sun.water))
@@ -92,7 +92,7 @@ def north_of(up: Float64, given: object, location: SourceLocation) -> Float64:
     across = towards - (towards @ up) * up
     length = float(np.linalg.norm(across))
     if length < 1e-6:
-        raise location.field("north").error("goes along `up`, so that no direction is north.", "Turn it away.")
+        raise location.field("north").error("goes along `up`, so it is not horizontal.", "Turn it away.")
     return np.asarray(across / length)
 
 
@@ -119,7 +119,7 @@ def _sun(given: description.Sky, up: Float64, location: SourceLocation, folder: 
     if len(chosen) != 1:
         has = " and ".join(name for names in methods.values() for name in names) or "no sun"
         raise location.error(
-            f"has {has}, but where the sun stands is given by one of: {'; '.join(methods)}.",
+            f"has {has}, but the position of the sun is given by one of: {'; '.join(methods)}.",
             "For example: altitude = 40 and azimuth = 180, from north by east.",
         )
     missing = [n for n in chosen[0].replace(" and ", ", ").split(", ") if not _given(given, n)]

@@ -123,7 +123,7 @@ class _Reader:
     # Methods that read parts of the file.
 
     def _lumens(self) -> float:
-        """Return the lumens of the first lamp set, and skip the other sets. Warns if their lumens differ."""
+        """Return the lumens of the first lamp set, and skip the other sets. Warns if the sets differ in lumens."""
         sets = self._whole(_SETS, "the number of sets of lamps", 1, _MAX_SETS)
         fluxes = []
         for i in range(sets):

@@ -174,7 +174,7 @@ def _with_looks(
 
     looks           : surface by index of its shape
     textures        : textures of these surfaces, which are appended to those of the scene
-    emission_factor : factor from the emission of a surface to the unit of the scene
+    emission_factor : factor that converts the emission of these surfaces to the unit of the scene
     """
     if not looks:
         return scene

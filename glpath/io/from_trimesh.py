@@ -24,7 +24,7 @@ _UNSAID = (102, 102, 102)
 
 
 def coloured(mesh: Mesh, given: Any) -> Mesh:
-    """Return `mesh` with the vertex or face colours of the trimesh mesh `given`; unchanged if that has none.
+    """Return `mesh` with the vertex or face colours of the trimesh mesh `given`; unchanged if `given` has none.
 
     mesh : mesh with the vertices and faces of `given`
     """
@@ -67,7 +67,7 @@ def _rgba(colours: Any, *, srgb: bool) -> Float64:
 
 @dataclass
 class Surfaces:
-    """Materials of trimesh meshes and their textures; each is made once."""
+    """Surfaces and textures made from the materials of trimesh meshes, each only once."""
 
     textures: list[Texture] = field(default_factory=list)
     _surfaces: dict[tuple[int, bool, bool], Surface] = field(default_factory=dict)

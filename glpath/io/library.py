@@ -203,7 +203,7 @@ def _read_as_asked(
     path: Path,
     *,
     time: Annotated[
-        float, Meta(ge=0, description="seconds from 0, that the camera's shutter opens later than the file says")
+        float, Meta(ge=0, description="seconds from 0, by which the camera's shutter opens later than in the file")
     ] = 0.0,
     up: Up = "guess",
 ) -> Scene:
@@ -248,7 +248,7 @@ def furnace(
         int, Meta(ge=1, le=4096, description="a whole number from 1 to 4096, the pixels per side")
     ] = 64,
 ) -> Scene:
-    """Closed room that glows everywhere alike (white furnace test).
+    """Closed room with the same radiance everywhere (white furnace test).
 
     Every wall emits `radiance` to the inside and reflects `reflectance`. The radiance at every point, in every
     direction, is therefore radiance * (1 + reflectance + reflectance² + ...). A maximum depth of d truncates this

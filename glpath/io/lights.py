@@ -198,7 +198,7 @@ def _orientation(
     length = float(np.linalg.norm(across))
     if length < 1e-6:
         raise location.field("c0").error(
-            "goes along `direction`, so that C = 0 is nowhere.", "Turn it away from it."
+            "goes along `direction`, so that C = 0 is nowhere.", "Choose another direction."
         )
     return direction, across / length
 
@@ -362,7 +362,7 @@ def environment_map(
     if negative:
         warn(
             f"{location}: {negative} of {stored.size} values of {path} are below 0, down to {stored.min():.3g}; "
-            "they were taken for 0, as light cannot be negative."
+            "they count as 0, because light cannot be negative."
         )
     if (radiance := float(stored.max()) * scale) > LARGEST:
         raise location.error(f"has radiance up to {radiance:.3g}, but allowed is at most {LARGEST:g}.")

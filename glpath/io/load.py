@@ -91,7 +91,7 @@ def scene_from_toml(
 
     location : location of the whole file, for errors
     folder   : base folder of relative paths
-    name     : name of a scene that does not name itself
+    name     : name of the scene if the file does not set one
     later    : seconds that are added to the shutter times of the file
     up       : up axis for a file without a camera, see `read_scene_file`
     """
@@ -160,7 +160,7 @@ def scene_from_dict(
     data   : dictionary as `tomllib` makes it from a scene file
     source : name of the scene in errors and in `Scene.source`
     folder : base folder of relative paths of mesh files; the current folder by default
-    name   : name of a scene that does not name itself; `source` by default
+    name   : name of the scene if `data` does not set one; `source` by default
     """
     return scene_of(data, SourceLocation(source), Path(folder or ""), name or source)
 
@@ -172,7 +172,7 @@ def scene_of(
 
     location : location of the whole dictionary, for errors
     folder   : base folder of relative paths
-    name     : name of a scene that does not name itself
+    name     : name of the scene if `data` does not set one
     later    : seconds that are added to the shutter times
     """
     data, meshes = _without_meshes(data, location)

@@ -46,9 +46,7 @@ def read_gltf_as_asked(
         Annotated[float, Meta(ge=0)] | Literal["rest"],
         Meta(description="seconds into the file's animations, from 0, or rest"),
     ] = "rest",
-    shutter: Annotated[
-        float, Meta(ge=0, description="seconds, from time on, that the shutter is open for what moves")
-    ] = 0.0,
+    shutter: Annotated[float, Meta(ge=0, description="seconds, from time on, for which the shutter is open")] = 0.0,
     animation: Annotated[
         str,
         Meta(description="name or number, from 0, of the one of the file's animations that runs, or first, or all"),
@@ -60,7 +58,7 @@ def read_gltf_as_asked(
         float,
         Meta(
             ge=0,
-            description="a number from 0, what punctual lights are multiplied by; 1/683, 0.00146, for Blender's",
+            description="a number from 0, the factor of punctual lights; 1/683, 0.00146, for Blender's",
         ),
     ] = 1.0,
     unit: Annotated[

@@ -37,8 +37,8 @@ _FACES = ("f", "fo")  # "fo" is an older name of "f"
 _UNUSED = {"curv": "curves", "curv2": "trimming curves", "surf": "surfaces"}
 _MRGB = re.compile(rb"^#MRGB[ \t]+((?:[0-9a-fA-F]{8})+)[ \t]*\r?$", re.MULTILINE)
 _DIGITS = b"0123456789"
-# Maximum number of vertices in the file for each corner of a part. Up to it, a table with an entry for every vertex
-# of the file finds the part's vertices faster than sorting.
+# Maximum ratio of the file's vertices to a part's corners at which the part's vertices are found by a table with an
+# entry for every vertex of the file. Above it, sorting the corners is faster.
 _MAX_SPARSENESS = 4
 
 
@@ -224,7 +224,7 @@ def _stored_colours(rows: Float64) -> Float64:
 
 
 def _counted_from_one(text: str, rows: dict[str, _Rows], location: SourceLocation) -> str:
-    """Return a corner, such as -1/-1/-1, with indices that count from 1 and not backwards."""
+    """Return a corner, such as -1/-1/-1, with its negative indices replaced by indices that count from 1."""
     indices = []
     for (kind, each), word in zip(rows.items(), text.split("/"), strict=False):
         try:
@@ -336,7 +336,10 @@ def _parts(
 
 
 class _Attributes(NamedTuple):
-    """Arrays whose rows corners index. The last row, for index -1, is NaN in `uv` and zero in `normals`."""
+    """Vertex attributes by row, for the indices in corners.
+
+    Index -1 selects the last row, which is NaN in `uv` and zero in `normals`.
+    """
 
     positions: Float64
     uv: Float64

@@ -1,4 +1,4 @@
-"""Pictures of a model: files in its folder [Pillow, OpenEXR], or Pillow images."""
+"""Read the pictures of a model, which are files in its folder [Pillow, OpenEXR] or Pillow images in memory."""
 
 from __future__ import annotations
 

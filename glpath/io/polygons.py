@@ -70,7 +70,7 @@ def split_faces(positions: Float64, faces: Sequence[Sequence[int]]) -> tuple[Int
 
 @np.errstate(over="ignore", invalid="ignore")  # positions that are too large are reported later
 def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any]) -> Split:
-    """Return triangles that cover each polygon once, concave ones included.
+    """Return triangles that cover each polygon once, including concave polygons.
 
     positions : (V, 3)
     corners   : (sum of sizes,) indices of positions, in order around each polygon
@@ -158,7 +158,7 @@ def split_finite(
 
 @contextmanager
 def polygon_errors_at(location: SourceLocation) -> Iterator[None]:
-    """Context that turns ValueErrors about polygons into SceneErrors at `location`."""
+    """Context that converts ValueErrors about polygons to SceneErrors at `location`."""
     try:
         yield
     except ValueError as error:
@@ -246,7 +246,7 @@ def _ears_of_rings(rings: Float64) -> tuple[Int64, Int64, NDArray[np.bool_]]:
 
 
 def _edges_cross(outlines: Float64) -> NDArray[np.bool_]:
-    """Return (N,) bool: True if two edges of an outline (N, k, 2) cross, and do not only touch.
+    """Return (N,) bool: True if two edges of an outline (N, k, 2) cross, instead of only touching.
 
     Outlines of more than _MAX_COMPARED corners are not compared, and count as not crossing.
     """

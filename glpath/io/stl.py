@@ -31,7 +31,8 @@ _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute
 # Maximum coordinate of facets beyond the announced count, as a multiple of the largest coordinate of counted
 # facets. If a coordinate is above it, the bytes beyond the count are taken for other data.
 _MAX_GROWTH = 100.0
-# Number of first bytes that show if a file is ASCII: without a zero byte, but with facet, or solid at the start.
+# Number of bytes at the start of a file that show if it is ASCII. In an ASCII file they have no zero byte, and they
+# contain "facet" or start with "solid".
 _BEGINNING = 1024
 # Number of facets between checks of the time limit.
 _CHECKED_FACETS = 1 << 14

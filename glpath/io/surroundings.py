@@ -36,11 +36,11 @@ class Surroundings:
     ] = None
     environment_rotation: Annotated[
         float | None,
-        Meta(description="degrees that the environment is turned by, counter-clockwise seen from above"),
+        Meta(description="degrees by which the environment is rotated, counter-clockwise seen from above"),
     ] = None
     environment_exposure: Annotated[
         Annotated[float, Meta(ge=-100, le=100)] | None,
-        Meta(description="stops from -100 to 100 that the environment is brightened by"),
+        Meta(description="stops from -100 to 100 by which the environment is brightened"),
     ] = None
     background: Annotated[
         BackgroundKind | None,

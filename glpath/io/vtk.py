@@ -118,7 +118,7 @@ def points_with_values(points: Any, values: Mapping[str, Any]) -> VtkMesh:
     """Return a mesh of points (N, 3), each of them a cell, with values by name, (N,) or (N, k) each."""
     at = np.asarray(points, np.float64)
     if at.ndim != 2 or at.shape[1:] != (3,):
-        raise UsageError(f"points: of shape {at.shape} where (N, 3) is needed.")
+        raise UsageError(f"points: of shape {at.shape}, but must be (N, 3).")
     return VtkMesh(at, [[i] for i in range(len(at))], point_data=values)
 
 

@@ -148,8 +148,8 @@ class Portal(Struct, forbid_unknown_fields=True, kw_only=True):
 class Sky(Struct, forbid_unknown_fields=True, kw_only=True):
     """Sky: the radiance of rays that hit nothing.
 
-    It is a blend from horizon to zenith, an environment map, or a CIE sky. Or it is a sky and sun that follow from
-    irradiances, from a site and time, or from an hour of a weather file.
+    It is a blend from horizon to zenith, an environment map, a CIE sky, or a sky with a sun. The latter is computed
+    from irradiances, from a site and time, or from an hour of a weather file.
     """
 
     type: (

@@ -31,7 +31,7 @@ def export(
     max_depth: int | None = None,
     spp: int | None = None,
 ) -> None:
-    """Write a scene for other programs, to compare with them or to move there.
+    """Write a scene to a file for other programs.
 
     The triangles are those that path tracing renders, spheres included; lengths are in scene units. Light in .glb
     is in cd, lx and cd m^-2, with 179 lumens per watt. Light in .xml has the same values as in the scene, whether
@@ -44,8 +44,8 @@ def export(
                  as glpath. .glb for any program that reads glTF 2.0: metallic-roughness materials with the Khronos
                  extensions that they need, lights, the camera. The axis nearest to the camera's up is turned to y
     parameters : parameters of a generated scene
-    max_depth  : for .xml: vertices of a path as in `glpath.render`, 1 is direct light only; by default 1000, all
-                 bounces
+    max_depth  : for .xml: maximum number of path vertices as in `glpath.render`; 1 is direct light only. The
+                 default, 1000, stands for all bounces
     spp        : for .xml: samples per pixel; 64 by default
 
     Raises UsageError for another suffix or a number out of range. Raises SceneError for a scene that cannot be read

@@ -41,7 +41,7 @@ def listed(names: list[str]) -> str:
 def at_opening(scene: Scene, notes: Notes) -> Scene:
     """Return the scene at shutter open. Add a note if anything moves."""
     if scene.camera.moves or scene.moving_shapes:
-        notes.add("nothing moves: all stands where it is when the shutter opens")
+        notes.add("nothing moves: everything is where it is when the shutter opens")
     return scene.at()
 
 
@@ -140,9 +140,9 @@ def _square(scene: Scene, plane: Shape) -> Shape:
 
 
 def behind(scene: Scene) -> float:
-    """Return the distance in scene units between front and back of a surface if each has its own triangles.
+    """Return the offset, in scene units, of a surface's back from its front if the back has its own triangles.
 
-    Viewers cull back faces; path tracers do not, and would hit front or back at random. A depth buffer resolves
-    this distance, and it is not visible.
+    Without an offset, path tracers, which do not cull back faces, would hit front or back at random. A depth buffer
+    resolves the offset, and it is too small to be visible.
     """
     return 2e-5 * float(np.linalg.norm(np.ptp(np.stack(scene.bounds), axis=0)))

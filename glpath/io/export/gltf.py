@@ -65,7 +65,7 @@ class _Writer:
         if scene.camera.projection == "panorama":
             self.notes.add("glTF has no panorama: the camera is a perspective one of 90 degrees")
         if scene.camera.aperture_radius > 0:
-            self.notes.add("the camera's lens is left out: all is sharp")
+            self.notes.add("the camera's lens is left out: everything is sharp")
         if scene.camera.principal_point != (0.5, 0.5):
             self.notes.add("the camera's principal point is left out: the view is to the middle of the picture")
         self.file = Glb(scene)
@@ -156,12 +156,12 @@ class _Writer:
             low, high = self.file.bounds
             intensity = intensity * float(np.sum((light.position - 0.5 * (low + high)) ** 2))
             self.notes.add(
-                "it falls off with the square of the distance, and is as bright in the middle of the scene",
+                "it falls off with the square of the distance; at the scene's centre its brightness stays",
                 "light",
                 light.name,
             )
         if light.profile is not None:
-            self.notes.add("its profile is left out: it sends its mean in all directions", "light", light.name)
+            self.notes.add("its profile is left out: it emits its mean in all directions", "light", light.name)
             intensity = intensity * (light.profile.flux / (4 * math.pi))
         max_intensity = float(intensity.max())
         made: dict[str, Any] = {"name": light.name, "type": light.kind, "intensity": max_intensity}

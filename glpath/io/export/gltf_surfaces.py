@@ -61,9 +61,9 @@ class Surfaces:
         if shape.emits and shape.emission_two_sided != two_sided:
             two_sided = shape.emission_two_sided
             text = (
-                "its back shines, so that it reflects, too"
+                "its back emits light, so its back also reflects"
                 if two_sided
-                else "it shines from its front alone, so its back is not there"
+                else "it emits from its front alone, so its back is culled"
             )
             self.notes.add(text + ": both sides of a surface are alike in glTF", "shape", shape.name)
         key = (shape.material, tuple(shape.emission), two_sided, None if light is None else id(light[0]))
@@ -111,7 +111,7 @@ class Surfaces:
 
     def _unlit(self, made: gltf_json.Material, material: Material, emission: Float64, opacity: float) -> None:
         if emission.max() > 1:
-            self.notes.add("it is unlit, and no brighter than 1", "material", material.name)
+            self.notes.add("it is unlit, and limited to 1", "material", material.name)
         made.extensions[self.file.use("KHR_materials_unlit")] = {}
         made.pbr_metallic_roughness = gltf_json.PbrMetallicRoughness(
             base_color_factor=[*np.clip(emission, 0.0, 1.0).tolist(), opacity],
@@ -124,7 +124,7 @@ class Surfaces:
         """Return base colour, roughness and metallic. Adds the extension for specular reflection to `made`."""
         mirror, highlight = material.mirror, 2.0 * material.specular / (material.exponent + 1.0)
         if np.any(mirror > 0) and not np.any(highlight > 0) and not np.any(material.reflectance > 0):
-            self._note(material, "a mirror is smooth metal, which reflects all at grazing angles")
+            self._note(material, "its mirror is a smooth metal, which reflects all light at grazing angles")
             return mirror, 0.0, 1.0
         reflected, roughness = np.zeros(3), 1.0
         if np.any(mirror > 0):
@@ -145,7 +145,7 @@ class Surfaces:
         made.extensions[self.file.use("KHR_materials_specular")] = extension
         base = material.reflectance / max(1.0 - weight, 1e-9)
         if base.max() > 1 + 1e-9:
-            self._note(material, "it sends back more than it gets, which is cut")
+            self._note(material, "it reflects more light than it receives; the excess is cut")
         return base, roughness, 0.0
 
     def _layers(self, extensions: dict[str, Any], material: Material) -> None:
@@ -187,7 +187,7 @@ class Surfaces:
                 **self._info("transmissionTexture", material.transmission_texture),
             }
             if material.is_slab:
-                self._note(material, "it reflects at both faces, which glTF's does at one")
+                self._note(material, "it reflects at both faces, but in glTF at one")
             if not material.thin:
                 extensions[use("KHR_materials_volume")] = _volume(material)
 
@@ -237,14 +237,14 @@ class Surfaces:
         if not np.array_equal(matrix, np.eye(3)):
             transform, exact = _uv_transform(matrix)
             if not exact:
-                self.notes.add("its coordinates are not sheared", "texture", texture.name)
+                self.notes.add("the shear of its coordinates is left out", "texture", texture.name)
             info.extensions = {self.file.use("KHR_texture_transform"): transform}
         return info
 
     def _info(
         self, name: str, slot: TextureSlot | None, *, srgb: bool = False, alpha: bool = False
     ) -> dict[str, Any]:
-        """Return the texture of a texture slot as a property of an extension; empty without a texture."""
+        """Return the property `name` of an extension that holds a slot's texture; empty if there is no slot."""
         info = self._slot(slot, srgb=srgb, alpha=alpha)
         if info is None:
             return {}

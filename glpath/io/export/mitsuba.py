@@ -1,14 +1,14 @@
-"""Translation of a scene to plugins of Mitsuba 3, nested, with their parameters, without files and without Mitsuba.
+"""Translation of a scene to nested plugins of Mitsuba 3 in memory. Mitsuba need not be installed.
 
-`described` makes the only translation; `mitsuba_surfaces` translates its materials. `mitsuba_xml` writes the result
-to files; tests and benchmarks hand it to Mitsuba in memory. Values are those of Mitsuba's dictionaries
+`described` translates the scene; `mitsuba_surfaces` translates its materials. `mitsuba_xml` writes the result to
+files; tests and benchmarks pass it to Mitsuba in memory. Values are those of Mitsuba's dictionaries
 (`mitsuba.load_dict`), except:
 
     {"type": "mesh", "mesh": Mesh, ...}            triangles, with v of texture coordinates downwards
     {"type": "bitmap", "image": (h, w, c), ...}    texture, uint8 or float32; an "envmap" also has an "image"
     (4, 4) float64                                 transform
 
-Depth:    Mitsuba counts the camera segment, the paper PB and glpath do not: depth d here is d + 1 in Mitsuba.
+Depth:    Mitsuba counts the camera segment, the paper PB and glpath do not, so depth d here is d + 1 in Mitsuba.
           Russian roulette starts at Mitsuba's default vertex; at depth 3 there is none.
 Pixels:   a box filter: one sample falls in exactly one pixel. `Camera.fov` is vertical: fov_axis "y".
 Sides:    Mitsuba's surfaces are black from behind, like `Material.two_sided = False`, unless "twosided". Its area
@@ -116,7 +116,7 @@ def _shapes(scene: Scene, shape: Shape, surfaces: Surfaces, names: Names, instan
     material = scene.materials[shape.material]
     coloured = shape.geometry.colours is not None
     if shape.emits and _opacity_everywhere(scene, shape) is None:
-        surfaces.notes.add("it shines all over, whatever its alpha", "material", material.name)
+        surfaces.notes.add("it emits everywhere, whatever its alpha", "material", material.name)
     if shape.emits and shape.emission_two_sided:
         apart = in_world(shape).unshared()
         step = offset * np.repeat(face_normals(apart), 3, axis=0)
@@ -206,7 +206,7 @@ def _emitters(light: Light, middle: Float64, notes: Notes) -> Iterator[Plugin]:
     if light.falloff == "none":
         distance = float(np.linalg.norm(light.position - middle))
         notes.add(
-            "it falls off with the square of the distance, and is as bright in the middle of the scene",
+            "it falls off with the square of the distance; at the scene's centre its brightness stays",
             "light",
             light.name,
         )
@@ -221,9 +221,7 @@ def _emitters(light: Light, middle: Float64, notes: Notes) -> Iterator[Plugin]:
         return
     full, end = light.cone
     if full < end:
-        notes.add(
-            "between its two cones it fades with the angle, not by the square of the cosine", "light", light.name
-        )
+        notes.add("between its two cones it fades with the angle, not with the squared cosine", "light", light.name)
     if end >= 90:
         notes.add("its cone ends at 89 degrees", "light", light.name)
         end = 89.0
@@ -234,7 +232,7 @@ def _emitters(light: Light, middle: Float64, notes: Notes) -> Iterator[Plugin]:
 
 
 def _sun(sun: Sun, notes: Notes) -> Plugin:
-    notes.add("the sun has no disc: its light is parallel, and is not seen")
+    notes.add("the sun has no disc: its light is parallel, and the camera does not see it")
     return {"type": "directional", "direction": (-sun.direction).tolist(), "irradiance": rgb(sun.irradiance)}
 
 
@@ -297,7 +295,7 @@ def _sensor(scene: Scene, size: float, sampler: Sampler, spp: int, notes: Notes)
             "focus_distance": camera.focus,
         }
     if camera.pixel_aspect != 1:
-        notes.add("Mitsuba has square pixels: the camera's are made square, of the same height")
+        notes.add("Mitsuba has square pixels: the camera's pixels become square, with the same height")
     across, down = camera.principal_point
     if (across, down) != (0.5, 0.5):
         if view["type"] == "perspective":

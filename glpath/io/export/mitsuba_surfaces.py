@@ -124,7 +124,7 @@ class _Surface:
         if material.unlit:
             return _diffuse(rgb(np.zeros(3)))
         if np.any(material.sheen > 0):
-            self._note("its sheen is left out: that of Mitsuba's principled surface is another lobe")
+            self._note("its sheen is left out: the sheen of Mitsuba's principled surface is another lobe")
         if material.diffuse_transmission > 0:
             self._note("the light that its diffuse base lets through is left out")
         if material.iridescence > 0:
@@ -167,7 +167,7 @@ class _Surface:
             lobes.append((float(albedo.max()), lambda scale: _mirror(albedo * scale, alpha)))
         total = sum(weight for weight, _ in lobes)
         if total > 1 + 1e-9:
-            self._note(f"it sends back up to {total:.3g} of the light; Mitsuba does not allow that, and has 1")
+            self._note(f"it reflects up to {total:.3g} of the light, which Mitsuba limits to 1")
         limited = min(total, 1.0)
         return _blend([(weight, lobe(limited / weight)) for weight, lobe in lobes if weight > 0])
 
@@ -226,7 +226,7 @@ class _Surface:
         return made if roughness**2 < SMOOTH else {**made, "type": "roughplastic", **self._alpha(roughness)}
 
     def _metal(self, roughness: float, n: Float64, k: Float64) -> Plugin:
-        """Return a metal given by its index; its colour is divided by the reflectance at normal incidence."""
+        """Return a metal of complex index n + ik. Its colour is divided by its reflectance at normal incidence."""
         material = self.material
         over = 1.0 / np.maximum(metal_reflectance(n, k), 1e-9)
         made: Plugin = {"type": "conductor", "eta": rgb(n), "k": rgb(k), "specular_reflectance": self._colour(over)}

@@ -88,7 +88,7 @@ def _format(data: bytes) -> str | None:
 
 
 def _size(data: bytes, kind: str) -> tuple[int, int, int]:
-    """Return width, height and the number of channels; for KTX 2 the bytes per pixel in its compressed blocks."""
+    """Return width, height and number of channels; for KTX 2, bytes per compressed pixel instead of channels."""
     if kind == "KTX2":
         return *struct.unpack_from("<II", data, 20), 1
     if kind == "WEBP":

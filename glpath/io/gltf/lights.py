@@ -1,4 +1,4 @@
-"""Punctual lights and cameras of nodes. Both look along -z of their node.
+"""Punctual lights and cameras of nodes. Cameras look, and lights shine, along -z of their node.
 
 Intensities stay in candela and lux, because glTF models are photometric, including their emitting surfaces.
 

@@ -24,8 +24,8 @@ MAX_DECODED_RATIO = 512
 MAX_TRIANGLES = 2**28
 #: Number of triangles of all instances that every file may have, however small it is. They take 1 GB.
 ALWAYS_TRIANGLES = 2**23
-#: Number of triangles that balls and rods, which stand for points and lines, may have in every file. A point takes
-#: several bytes of a file, so only files of points that are not stored reach this limit.
+#: Number of triangles that balls and rods, which stand for points and lines, may have in every file. A stored point
+#: takes several bytes of a file, so only files with accessors of zeros, which are not stored, reach this limit.
 ALWAYS_STROKE_TRIANGLES = 2**20
 #: Maximum number of triangles of all instances, or of all balls and rods, per byte of the file, for models that
 #: exceed ALWAYS_TRIANGLES or ALWAYS_STROKE_TRIANGLES.

@@ -1,4 +1,4 @@
-"""Table of glTF material extensions that are plain factors, for reader and writer; list of unread extensions.
+"""Table of the glTF material extensions that are plain factors, and list of the extensions that are not read.
 
 An extension is a row of LAYERS, so neither the reader nor the writer has code for a single extension.
 """

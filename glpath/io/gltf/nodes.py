@@ -114,7 +114,8 @@ def _drawn(document: Document, tables: Tables, children: list[list[int]], parent
         scene = scenes[chosen or 0]
         roots = scene.indices("nodes", tables, "nodes")
         if any(root in parent for root in roots):
-            # glTF forbids root nodes with parents, but UniGLTF writes many such files. The parents do nothing.
+            # glTF forbids root nodes with parents, but UniGLTF writes many such files. These nodes stay below their
+            # parents, and are not drawn a second time.
             document.notes.add(
                 "Scenes' lists of nodes that have parents: such a node is drawn once, below its own."
             )

@@ -44,7 +44,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 # Maximum area by which the openings of a face may overlap each other or its edges, as a fraction of the face's
 # area.
 _MISSING = 1e-2
-# Distance of the eye from a room's corner towards its centre, as a fraction.
+# Distance of the eye from the corner of a room's floor, as a fraction of the distance from corner to centre.
 _FROM_CORNER = 0.08
 # Height of the eye, as a fraction of the room's height.
 _EYE = 0.6
@@ -60,7 +60,7 @@ def read_honeybee(
     path: Path,
     *,
     overcast: Annotated[
-        float, Meta(ge=0, description="lx that a CIE overcast sky gives on open ground; 0 for no sky")
+        float, Meta(ge=0, description="illuminance of open ground by a CIE overcast sky, lx; 0 for no sky")
     ] = 0.0,
     ground: Annotated[
         float, Meta(ge=0, le=1, description="a number from 0 to 1, the reflectance of the ground below that sky")
@@ -122,7 +122,7 @@ def overcast_sky(illuminance: float, ground: float) -> Environment:
 class _Reader:
     """Reader that makes one shape for each object.
 
-    paired : by type, the names of objects that are the other side of an object already taken
+    paired : names of objects that are the other side of an object already read, by type
     """
 
     location: SourceLocation
@@ -186,7 +186,7 @@ class _Reader:
         self._add(shade.identifier, shade.modifier or default, self._polygon(shade.identifier, shade.geometry))
 
     def _is_first(self, item: Face | Aperture | Door, boundary: BoundaryCondition) -> bool:
-        """Return False if the item is the other side of an item already taken, because two rooms share a wall."""
+        """Return False if the item is the other side of an item already read, because two rooms share a wall."""
         if boundary.type != "Surface":
             return True
         paired = self.paired[type(item)]

@@ -24,7 +24,7 @@ _LENGTH = re.compile(r"\s*([0-9.]+)\s*mm\s*")
 # Diagonal of a 35 mm film frame, 24 x 36 mm, to which focal lengths refer.
 _DIAGONAL = float(np.hypot(24.0, 36.0))
 _RESOLUTION = (768, 576)
-# Depth of the near plane, as a fraction of the scene's size, up to which it counts as cutting off nothing.
+# Maximum depth of a near plane that counts as cutting off nothing, as a fraction of the scene's diagonal.
 _NEGLIGIBLE = 1e-2
 
 

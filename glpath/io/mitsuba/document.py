@@ -43,7 +43,7 @@ _RENAMED = {"lookAt": "lookat"}
 
 @dataclass(eq=False)
 class Element:
-    """Element: its tag, attributes, children, and the folders of the files that it names.
+    """XML element with its tag, attributes and children, and the folders of the files that it names.
 
     folder   : folder of its file, where relative paths start
     searched : further folders for files missing there: the scene's folder and the folders of its `<path>`s

@@ -77,7 +77,7 @@ class Emitters:
         end = plugin.number("cutoff_angle", 20.0, 1e-3, 180.0)
         full = plugin.number("beam_width", 0.75 * end, 0.0, end)
         if plugin.texture("texture") is not None:
-            raise plugin.location.error("has a picture in its light, which is not read.", "Leave the texture out.")
+            raise plugin.location.error("projects a picture, which is not read.", "Leave the texture out.")
         if full < _SHARP * end:
             self.notes["between its cones a spot fades by the square of the cosine, not with the angle"] = None
         world = plugin.transform("to_world")

@@ -24,7 +24,8 @@ from glpath.scene.check import check_camera
 from glpath.scene.model import Scene, Shapes
 from glpath.scene.source_location import SourceLocation
 
-# Skipped tags: definitions, which are read through references, and render settings, which `glpath render` has.
+# Skipped tags: definitions, which are read through references, and render settings, which are options of
+# `glpath render` instead.
 _ASIDE = ("bsdf", "texture", "medium", "integrator", "film", "sampler", "rfilter", "spectrum")
 
 

@@ -1,4 +1,4 @@
-"""Reader of Mitsuba's `sunsky`, with its sun and its sky irradiance, but the pattern of Perez' all-weather sky.
+"""Reader of Mitsuba's `sunsky`, with Mitsuba's sun and sky irradiance, but the pattern of Perez' all-weather sky.
 
 Poor at:  the pattern of the sky. Mitsuba's is that of Hosek & Wilkie (2012), whose colours vary towards the horizon
           and the sun; here the whole sky has one colour.

@@ -315,7 +315,7 @@ class Surfaces:
         is_thin = plugin.kind == "thindielectric"
         fields = {"two_sided": False, "transmission": 1.0, "thin": False, **rough, **base}
         if ratio < 1:
-            # The same interface with its sides exchanged.
+            # The sides are exchanged, so that the index is above 1. `turned` then turns the shape inside out.
             ratio = 1.0 / ratio
             fields["turned"] = not is_thin
             if is_thin:

@@ -53,7 +53,7 @@ def stacked(
         float, Meta(ge=0.25, le=4, description="a number from 0.25 to 4, the width over the height")
     ] = 1.0,
 ) -> Scene:
-    """So many spheres or triangles, stacked until they fill the picture.
+    """Any number of spheres or triangles, stacked until they fill the picture.
 
     Spheres lie in the hollows of the row below; triangles form rows, alternately pointing up and down. Up to 10,000
     objects are separate shapes; more form seven shapes, one for each colour. The scene has a point light, ambient
