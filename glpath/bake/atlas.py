@@ -67,7 +67,8 @@ _WHOLE = 1024
 _PATCH = 250
 #: Charts that are made once have at most this multiple of the density of the later packing.
 _FINER = 2.0
-#: Page side in texels. The multiple is reduced, but not below 1, until charts fill at most half of such a page.
+#: Side in texels of a page that limits `_FINER`. The multiple is reduced, but not below 1, until charts fill at most
+#: half of the page.
 _CHART_PAGE = 4096
 #: Measured core seconds for each triangle side over all trials, in scenes with few sides.
 _SECONDS_EACH = 4e-4
@@ -334,7 +335,10 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
 
 
 def _between(fits: tuple[float, float], over: tuple[float, float], size: int) -> float:
-    """Interpolate the texel density between (density, page side) that fits and one that does not.
+    """Return the next texel density to try, interpolated between one that fits the page and one that does not.
+
+    fits, over : (density, page side) that fits, and that does not
+    size       : page side that is available
 
     Charts grow with the density and gutters do not, so the page side grows more slowly than the density.
     """
@@ -500,7 +504,7 @@ def kept(scene: Scene, lit: NDArray[np.bool_], size: int) -> Atlas:
         )
     texels = np.clip(uv, 0.0, 1.0) * size
     texels[..., 1] = size - texels[..., 1]
-    # Faces are in one chart if corners connect them that are equal in space and on the page.
+    # Faces belong to one chart if they are connected by corners that are equal in space and on the page.
     corners = np.concatenate([scene.triangles[triangle], np.round(texels, 4)], axis=2)
     chart = np.unique(pieces(corners), return_inverse=True)[1].astype(np.int64)
     atlas = Atlas(triangle, side, np.zeros(len(triangle), np.int64), chart, texels, (size, size), 1, 0.0)

@@ -30,7 +30,7 @@ def reflected(scene: Scene, triangle: Int64, side: Int64, b: Float64) -> Float64
         shape = scene.shapes[number]
         material = averaged(scene.materials[shape.material], scene.textures)
         if material.roughness is not None:
-            # Textures of metallic and transmission are looked up at the points below, so their means are not used.
+            # Below, textures of metallic and transmission are looked up at the points, so their means are not used.
             untextured = scene.materials[shape.material]
             metallic = np.full(len(own), untextured.metallic)
             clear = np.full(len(own), untextured.transmission)

@@ -506,7 +506,7 @@ def check_density(texels: float | None, size: int | None, uv: str) -> None:
         raise UsageError(f"size is {short_repr(size)}; must be a whole number from 16 to {MAX_SIZE}, texels.")
     if uv == "keep" and texels is not None:
         raise UsageError(
-            "texels: has no meaning with coordinates that are kept, which say how large surfaces are on the page.",
+            "texels: has no meaning with kept coordinates, which already determine the sizes on the page.",
             "Give the size of the page.",
         )
 
@@ -525,7 +525,7 @@ def _without_surfaces(scene: Scene) -> SceneError:
         return SceneError(f"{name}: has no surface to bake.")
     return SceneError(
         f"{name}: has no surface in memory to bake: its {count:,} triangles are streamed, and have no texels.",
-        'Hold what is to be baked in memory, as a mesh, not in a shape of the type "stream".',
+        'Make the surfaces to bake meshes in memory, not shapes of the type "stream".',
     )
 
 

@@ -54,7 +54,7 @@ Bools = NDArray[np.bool_]
 
 #: Number of rays that test if a probe is inside a solid.
 _LOOKS = 64
-#: Fraction of these rays. If more than this fraction hits unlit inner sides, the probe counts as inside.
+#: Fraction of a probe's rays. If more than this fraction hits unlit inner sides, the probe counts as inside.
 _MOSTLY = 0.5
 #: Maximum number of probes in a grid; the film of each takes 10 kB.
 MAX_PROBES = 1 << 16
@@ -136,7 +136,7 @@ class ProbeGrid:
         offset = still.origin - scene.origin
         if bounds is None:
             if not has_surfaces:
-                raise UsageError("bounds: needed, as the scene has no surface.", "Give two corners of a box.")
+                raise UsageError("bounds: needed, because the scene has no surface.", "Give two corners of a box.")
             lower, upper = (np.asarray(corner, np.float64) + offset for corner in still.bounds)
         else:
             lower, upper = read_numbers("bounds", np.ravel(np.asarray(bounds)), 6).reshape(2, 3)
@@ -151,7 +151,7 @@ class ProbeGrid:
         if not valid.any():
             raise SceneError(
                 f"{scene.source or scene.name}: all {len(valid)} probes see mostly the backs of surfaces.",
-                "Give bounds within the room, or turn its surfaces round.",
+                "Give bounds within the room, or flip its surfaces.",
             )
         return cls(lower, upper, (nx, ny, nz), valid)
 

@@ -47,7 +47,7 @@ _GUTTER = 0.02
 _FAINT = 1.0
 #: Maximum number of rounds.
 _ROUNDS = 30
-#: Maximum number of solutions per round and channel that search for the texels to hold at zero.
+#: Maximum number of iterations, per round and channel, that find the texels to hold at zero.
 _HOLDS = 12
 #: Number of rings of neighbouring texels around a remaining step that the next rounds still change.
 _RINGS = 16

@@ -36,15 +36,15 @@ _ROUNDS = (16, 64, 256, 1024)
 _RAYS = 1 << 17
 #: Fraction of a side's walks that reach light, from which the side counts as lit after any round.
 _SURELY = 0.02
-#: The same fraction after the last round. It is above zero, because a few walks slip through edges.
+#: Value of `_SURELY` after the last round. It is above zero, because a few walks slip through edges.
 _SLIPS = 1e-3
 #: Texels per length on a dark side, relative to a lit side.
 _DARK = 0.25
 #: Distance of the start of rays from a surface, as a fraction of the scene's diagonal.
 _BEFORE = 1e-6
-#: Number of rays from a point, which is inside if all of them meet dark sides.
+#: Number of rays from a point. The point is inside other geometry if all of them meet dark sides.
 _LOOKS = 16
-#: Fraction of these rays. If at least this fraction meets dark sides within two texels, the point is also inside.
+#: Fraction of a point's rays. If at least this fraction meets dark sides within two texels, it is inside, too.
 _BESIDE = 0.25
 #: Number of attempts to connect a point to lamps, and maximum number of punctual lights that are tried.
 _JOINS = 8

@@ -56,11 +56,11 @@ _SHEET = 0.05
 _LEANING = 20.0
 #: Number of rays from a point that test if its surface faces the ground.
 _LOOKS = 16
-#: A point can be covered only if at least this fraction of these rays meets the ground.
+#: Minimum fraction of a point's rays that meet the ground. With less, the point is not covered.
 _GROUND = 0.25
 #: Number of points on backs from which rays look for light.
 _SAMPLES = 1024
-#: Fraction of these rays, weighted by area. Backs of a stream are lit if at least this fraction finds light.
+#: Minimum fraction, weighted by area, of rays from the backs of a stream that find light if these backs are lit.
 _LIT = 0.25
 #: Number of points in one batch; each has a dozen rays of 100 bytes.
 _TOGETHER = 1 << 17

@@ -115,7 +115,7 @@ class BiasCheck:
         """Return a plan with small enough bias, and its engine; an explicitly chosen integrator is always kept."""
         bias = self._measured(plan, engine)
         if bias is None:
-            # The unknown bias may be large, so unbiased paths replace the gather if the job allows it.
+            # The bias is unknown and may be large, so unbiased paths replace the gather if the job allows it.
             unbiased = plan.without_bias()
             replacement = self._in_time(unbiased)
             if replacement is not None:

@@ -45,18 +45,18 @@ def render(
     ----------
     scene          : any source that `load_scene` accepts: a file, the name of a shipped scene, a dictionary, a
                      trimesh mesh or scene, or a `Scene`
-    integrator     : "auto", the fastest to a clean image among the next three, see `glpath.rendering.choice`;
-                     "path", global illumination with all kinds of light, by paths whose rays are traced through a
-                     BVH in the shader; "path-buffer", the same by paths that share directions, so one scan of the
-                     scene traces all their rays; "gather", from a radiosity solution with the light of all bounces,
-                     gathered at visible points; "t-buffer", Whitted's ray tracing with the T-buffer, for spheres,
-                     planes, point lights, textures and mirrors; "classic", the same image by the classical
-                     algorithm, every ray against every object. Or an instance of an integrator's settings from
-                     `glpath.integrators.by_name`
+    integrator     : "auto" chooses the one of the next three that gives a clean image fastest, see
+                     `glpath.rendering.choice`; "path", global illumination with all kinds of light, by paths whose
+                     rays are traced through a BVH in the shader; "path-buffer", the same by paths that share
+                     directions, so one scan of the scene traces all their rays; "gather", from a radiosity solution
+                     with the light of all bounces, gathered at visible points; "t-buffer", Whitted's ray tracing
+                     with the T-buffer, for spheres, planes, point lights, textures and mirrors; "classic", the same
+                     image by the classical algorithm, which tests every ray against every object. Or an instance of
+                     an integrator's settings from `glpath.integrators.by_name`
     spp            : path sets (samples per pixel);
                      default {default_spp}; unlimited with `time_limit` or `noise`.
-                     Samples of a ray tracer differ only in their position in the pixel; a single sample is at its
-                     centre
+                     Samples of a ray tracer differ only in their position in the pixel; a single sample is at the
+                     pixel's centre
     first_path_set : number of the first path set; renders of sets 0 to 31 and 32 to 63 merge into a film that is
                      bit-identical to a render of 64
     resolution     : (width, height) in pixels; default: the scene's
@@ -134,7 +134,7 @@ def run(
     """
     if sensor is not None:
         if not isinstance(job.sensor, PointSensor):
-            raise UsageError("sensor: points for a job whose paths start at a camera.")
+            raise UsageError("sensor: points were given, but the job's paths start at a camera.")
         job = replace(job, sensor=job.sensor.given(sensor.points))
 
     def film() -> Film:

@@ -1,4 +1,4 @@
-"""Choice of the integrator for "auto", which is the fastest to a clean image, and of options that were not given.
+"""Choose the integrator for "auto", which gives a clean image fastest, and the options that were not given.
 
 "gather" is chosen if a radiosity solution is worth its time, all given options are supported, and the image is not
 a thumbnail. Otherwise "path" is chosen. A gather whose measured bias is too large is replaced by paths later
@@ -40,7 +40,7 @@ MAX_TRIANGLES = 40_000
 #: Maximum number of pixels of a thumbnail. Paths render such a small image before a solver is even loaded.
 THUMBNAIL = 96 * 96
 #: Emitters count as lamps if the mean radiance that they cause on the scene's bounding box exceeds this fraction of
-#: the sky's mean radiance. Fainter emitters, such as a screen or a diode, only belong to the scene's appearance.
+#: the sky's mean radiance. Fainter emitters, such as a screen or a diode, hardly light the scene.
 FAINT = 0.25
 # Order of preference. The first integrator that has all given options is chosen.
 _IN_THIS_ORDER = (GatherSettings, PathSettings, PathBufferSettings, TBufferSettings)
@@ -127,7 +127,7 @@ def _has_ambient(scene: Scene) -> bool:
 
 
 def _stands_free(scene: Scene) -> bool:
-    """Return True for an object under a sky that is seen from outside, without other strong light.
+    """Return True if the scene is an object under a sky, seen from outside, without other strong light.
 
     Light reaches the object directly or after few bounces. A solution is then not worth its time, because each
     element casts many rays to the sky.

@@ -241,7 +241,7 @@ class _Paths(Plan):
     def prepared(self, scene: Scene, say: Say) -> Plan:
         if not self.settings.guided or self.solution is not None:
             return self
-        # The solution may be of any moment, and unfinished, because it only guides paths, which stay unbiased.
+        # The solution may be unfinished, and may ignore motion, because it only guides paths, which stay unbiased.
         if self.is_resumed:
             return replace(self, solution=_solved(scene.still(), say, refined=self.is_refined))
         solution = _solved_in_time(scene.still(), say, refined=self.is_refined)
@@ -316,7 +316,10 @@ class _PathBuffer(Plan):
 
 
 def _interleaved(settings: _Shared, scene: Scene) -> _Shared:
-    """Return the settings with `interleave` decided: whether an image is four parts of every second pixel."""
+    """Return the settings with `interleave` decided.
+
+    An interleaved image is rendered as four parts, each with every second pixel of every second row.
+    """
     if settings.interleave is not None or not settings.by_path_buffer:
         return settings
     width, height = scene.camera.resolution
@@ -336,7 +339,7 @@ def _engine_with_solution(
 ) -> Engine:
     """Return the engine of a plan, with its radiosity solution if it has one."""
     solution, settings = plan.solution, plan.settings
-    # Instances are not expanded if there is no solution and the sensor is a camera. Others need all triangles.
+    # Instances are expanded to triangles only if there is a solution, or if the sensor is not a camera.
     parted = instanced(scene) if solution is None and isinstance(sensor, CameraSensor) else None
     if parted is None:
         _check_expandable(scene)
@@ -430,7 +433,7 @@ def _crowding(film: Film) -> list[str]:
 
 
 def _without_ground(scene: Scene) -> list[str]:
-    """Return a warning if the scene has a ground, which path-buffer scans cannot show: rays start at surfaces."""
+    """Return a warning if the scene has a ground, which catches no shadow in path-buffer scans."""
     if scene.background is None or scene.background.ground is None or scene.sky is None:
         return []
     return [

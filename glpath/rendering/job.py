@@ -93,7 +93,7 @@ class SceneSource:
         if given is None and self.kind == "memory":
             raise UsageError(
                 f"job: its scene {self.name!r} was made in memory, and a job holds no geometry.",
-                "Hand it in: run(job, scene=scene); or make the job from a scene file.",
+                "Pass it: run(job, scene=scene); or make the job from a scene file.",
             )
         loaded = given if given is not None else load_scene(self._address, self.parameters or None)
         found = loaded.digest(camera=False)
@@ -356,7 +356,7 @@ def describe(
     else:
         if resolution is not None or camera is not None:
             name = "camera" if resolution is None else "resolution"
-            raise UsageError(f"{name}: has no meaning with a sensor of points, which has its own.")
+            raise UsageError(f"{name}: has no meaning for a sensor of points.")
         settings = chosen(integrator, given, loaded)
         check_sensor(settings, sensor)
         loaded, starts = sensor.seen(loaded), sensor
@@ -461,7 +461,7 @@ def _looking_at(scene: Scene, name: Any, changes: Mapping[str, Any]) -> Scene:
     Raises UsageError.
     """
     if "target" in changes:
-        raise UsageError("camera look_at beside a target: both say where it looks.", "Leave one out.")
+        raise UsageError("camera look_at beside a target: both give the direction.", "Leave one out.")
     shapes = [
         s for s in scene.shapes if any(name_fits(each, str(name)) for each in (s.name, s.name.rpartition("/")[2]))
     ]

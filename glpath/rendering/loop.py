@@ -41,8 +41,8 @@ def trace(engine: Engine, context: Context, tiles: list[Tile], clock: Clock, pat
         try:
             rule = _trace(engine, context, tiles, clock, path_sets, interrupted)
         except KeyboardInterrupt:
-            # The loop raises it for the flag, or a second Ctrl-C within a step. The film holds the steps before
-            # that.
+            # The loop raised it because the flag is set, or a second Ctrl-C raised it within a step. The film holds
+            # all complete steps.
             clock.finish(engine, INTERRUPTED_RULE)
             raise RenderInterrupted(clock.film, interrupted.signal) from None
         clock.finish(engine, rule)

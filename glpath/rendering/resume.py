@@ -16,7 +16,7 @@ class AnotherRenderError(UsageError):
     def __init__(self, reason: str) -> None:
         super().__init__(
             f"film: cannot be resumed: {reason}.",
-            "Ask for what it was made with, or leave it and begin anew.",
+            "Use the options of the film, or render without it.",
         )
         self.reason = reason
 

@@ -265,7 +265,7 @@ def _check_denoisable(job: RenderJob) -> None:
     """Raise UsageError for a film that cannot be denoised, GlpathError if the denoiser is missing."""
     if not guides_denoiser(job.integrator.aovs):
         raise UsageError(
-            "clean: of a film without the AOVs albedo and normal, by which pictures are denoised.",
+            "clean: of a film without the AOVs albedo and normal, which the denoiser needs.",
             f"Render with aovs={DENOISER_AOVS!r}, or end by `noise`.",
         )
     require_denoiser()

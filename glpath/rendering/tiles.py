@@ -1,4 +1,4 @@
-"""Tiles of an image that are traced one after another, because a device holds a limited number of pixels."""
+"""Split an image into tiles that are traced one after another, because devices hold a limited number of pixels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Tile:
 
     window : (x, y, width, height) of the traced pixels in the whole image; every tile has the same size
     keep   : rows and columns of the window that are added to the film
-    target : rows and columns of the film that they are added to
+    target : rows and columns of the film to which they are added
     """
 
     window: tuple[int, int, int, int]
@@ -38,8 +38,8 @@ def cover(window: tuple[int, int, int, int], limit: int) -> list[Tile]:
     for i in range(down):
         for j in range(across):
             x, y = min(j * w, width - w), min(i * h, height - h)
-            # The tile overlaps its left neighbour in columns x to j * w, and its upper one likewise; they keep
-            # these pixels.
+            # The tile overlaps its left neighbour in columns x to j * w, and its upper neighbour likewise. The
+            # neighbours keep the shared pixels.
             keep = slice(i * h - y, h), slice(j * w - x, w)
             target = slice(i * h, y + h), slice(j * w, x + w)
             found.append(Tile((x0 + x, y0 + y, w, h), keep, target))

@@ -13,8 +13,9 @@ correlation is estimated from all points together (`_gain`). The half that gives
 the choosing half, so that both become independent.
 
 Cost:     a pass over the points for each of the 70 halves of eight batches; a second for four million points.
-Poor at:  noise above the contrast, where only bounds are known and the error is large; `Spread.asks_for` has a
-          remedy. Rare bright light that most points have not sampled, which is missing from the errors, too.
+Poor at:  noise above the contrast, for which only bounds are known and the error is large; `Spread.asks_for` gives
+          the number of path sets that helps. Rare bright light that most points have not sampled, which is missing
+          from the errors, too.
 
 Source: Hado van Hasselt, "Double Q-learning", 2010, for the choice by one half and the value from the other;
 "Estimating the maximum expected value", 2013, for the signs of both biases.
