@@ -42,10 +42,10 @@ _NOISE = 0.004
 _LINES = 0.15
 # Width in pixels of the tiles in which noise pixels are counted.
 _TILE = 16
-# For albedo and normals: the smaller network is as good as the large one, in half the time.
+# Options for denoising albedo and normals. The smaller network is as good as the large one, in half the time.
 _SOON: Flags = {"quality": "OIDN_QUALITY_BALANCED"}
-# For two halves of the path sets that are only compared: the smallest network halves the time again. The difference
-# between the halves is then 5 % smaller.
+# Options for denoising two halves of the path sets that are only compared. The smallest network halves the time
+# again. The difference between the halves is then 5 % smaller.
 _SOONEST: Flags = {"quality": "OIDN_QUALITY_FAST"}
 
 

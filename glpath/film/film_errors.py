@@ -31,13 +31,13 @@ _LOOKED_AT = 0.999
 class FilmErrors(FilmSums):
     """Film sums, their denoised image, and the estimated errors of the image and of the denoised image."""
 
-    # Cached result of `denoised`, after the ranges of path sets that it was computed from.
+    # Cache: ranges of path sets, and the result of `denoised` for them.
     _denoised: tuple[tuple[tuple[int, int], ...], Float32] | None = field(default=None, init=False)
-    # Cached denoised halves that `variance_of_denoised` compares, after their ranges of path sets.
+    # Cache: ranges of path sets, and the result of `_denoised_halves` for them.
     _halves: tuple[tuple[tuple[int, int], ...], tuple[float, list[Float64]]] | None = field(
         default=None, init=False
     )
-    # Cached guides of `denoised`, after their ranges of path sets.
+    # Cache: ranges of path sets, and the guides of `denoised` for them.
     _guides: tuple[tuple[tuple[int, int], ...], open_image_denoise.Guides] | None = field(default=None, init=False)
 
     def denoised(self) -> Float32:
@@ -92,10 +92,11 @@ class FilmErrors(FilmSums):
 
         denoised : True for the error of `denoised`, from `variance_of_denoised`, which may raise errors
 
-        Its square estimates `compare.relative_mse` against a converged image; 0.02 is noise of about 2 %. With
-        Sobol samples (the default), it is rather too large than too small, see `variance_of_mean`. It includes the
-        error of a radiosity solution that the gather itself has computed, see `solution_error`. It does not include
-        the bias of a buffer, or of elements that are too coarse. None if fewer than two batches have path sets.
+        The square of the result estimates `compare.relative_mse` against a converged image; 0.02 is noise of about
+        2 %. With Sobol samples (the default), the result tends to be too large, see `variance_of_mean`. It includes
+        the error of a radiosity solution that the gather itself has computed, see `solution_error`. It does not
+        include the bias of a buffer, or of elements that are too coarse. None if fewer than two batches have path
+        sets.
         """
         if np.count_nonzero(self.batch_counts) < 2:
             return None

@@ -57,8 +57,8 @@ class FilmMetadata:
                       light of all bounces
     settings        : all other settings that determine the image (sampling, directions, ambient, ...), as JSON
                       values
-    unit            : unit of its radiance: "radiometric" (W sr^-1 m^-2) or "photometric" (cd m^-2); "" in older
-                      files
+    unit            : unit of the film's radiance: "radiometric" (W sr^-1 m^-2) or "photometric" (cd m^-2); "" in
+                      older files
     exposure        : stops of the scene for 8-bit images; None: `image.auto_exposure` decides
     transparent     : True if images have an alpha channel, from the sum of "depth": see `Film.alpha`
     noisy           : True if another seed gives another image, so that comparisons must account for noise
@@ -77,8 +77,8 @@ class FilmMetadata:
                       "path" rendered the film
     aovs            : names from AOVS of the film's AOVs
     shape_names     : names of the scene's shapes if the film has "object_id" or "material_id"; otherwise empty
-    material_names  : names of the scene's materials, likewise
-    shape_materials : material index of each shape, likewise
+    material_names  : names of the scene's materials, in the same films as `shape_names`
+    shape_materials : material index of each shape, in the same films as `shape_names`
     position_origin : origin of the sums of "position" in scene coordinates, for a scene far from the origin; None:
                       zero
     stop_rule       : reason why the render ended: "spp", "time limit", "noise", "clean", "interrupted"; "" for

@@ -32,7 +32,7 @@ class Header(NamedTuple):
     """Header of a .hdr file, which precedes the pixels.
 
     size     : (width, height), pixels
-    flips    : True if columns run from right to left; True if rows run from bottom to top
+    flips    : two bool: True if columns run from right to left, and True if rows run from bottom to top
     exposure : factor by which the stored values were multiplied
     """
 

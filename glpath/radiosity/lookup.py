@@ -59,8 +59,8 @@ def lookup_table(
 
     traced  : True to leave out direct light where the gather traces it, which is everywhere but near lamps
     in_gaps : True if paths may start in gaps that no camera sees, such as below a rug. Elements beside much
-              brighter or darker ones are then never looked up, because light may change abruptly within them. The
-              same is done, whatever `in_gaps`, for solutions whose elements are all of the lattice's own size
+              brighter or darker ones are then never looked up, because light may change abruptly within them. This
+              is done even if `in_gaps` is False for solutions whose elements all have the lattice's own size
     """
     interpolated = lookup == "interpolated"
     divisions = solution.divisions.astype(np.int64)

@@ -18,7 +18,7 @@ _SAMPLES = 4
 # The probability of a light is a weighted sum of three terms, whose weights add up to 1.
 # Weight of the light's irradiance at the row's point, as a fraction of all lights' irradiance there.
 _BRINGS = 0.6
-# Weight of an upper bound of the light's irradiance near that point, as the same kind of fraction.
+# Weight of an approximate maximum of the light's irradiance near that point, as a fraction of all lights' maxima.
 _MAY_BRING = 0.35
 # Weight of a uniform choice.
 _ALIKE = 0.05

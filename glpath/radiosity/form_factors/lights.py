@@ -34,14 +34,14 @@ from glpath.system.machine import core_count
 
 Int64 = NDArray[np.int64]
 
-#: Number of rays from a point to the sky, a square number. The unit square is mapped to the hemisphere, and has one
-#: ray in each of so many cells.
+#: Number of rays from a point to the sky, a square number. The unit square is mapped to the hemisphere, and divided
+#: into this number of cells with one ray each.
 SKY_RAYS = 64
-#: Number of bins of directions about a normal, a square number: cells of the same square. Guided rays choose a bin
-#: by its probability.
+#: Number of bins of directions about a normal, a square number. Bins are cells of the same unit square. Guided rays
+#: choose a bin by its probability.
 BINS = 64
 _GUIDED = 0.5  # fraction of guided rays; the others are cosine-weighted, which limits the weight of a ray to 2
-#: Target number of guided rays from all points together, so that each of many points casts fewer.
+#: Target number of guided rays from all points together; the more points there are, the fewer rays each casts.
 _AIMED_RAYS = 1 << 20
 #: Minimum number of guided rays from each point.
 _MIN_AIMED = 16

@@ -100,7 +100,7 @@ class Detail:
     tree       : quadtree of the lattices
     split      : for each level, (E,) bool, True if the element has to be divided
     misplaced  : (T,) variation of light on each triangle's finest elements, as a fraction of the scene's energy. It
-                 sums how much energy the elements' four parts deviate from their mean, where that is significant
+                 is the sum of all significant deviations of an element's four parts from their mean energy
     """
 
     tree: Quadtree

@@ -33,7 +33,7 @@ class Emitter:
     def on(cls, occluders: Occluders, polygon: int, side: int = 4, whole: bool = False) -> Emitter:
         """Return samples on a polygon's front, in the centres of side x side cells.
 
-        A triangle gets those of its parallelogram's samples that lie in it, about half of them.
+        A triangle has the samples of its parallelogram without those outside the triangle, about half of them.
 
         whole : True to build shafts for the box of the whole polygon, as in the paper; False for the samples' box
         """

@@ -157,7 +157,10 @@ class Occluders:
         return outlines.min(axis=1) - wide, outlines.max(axis=1) + wide
 
     def polygons(self, solids: bool) -> Polygons:
-        """Return polygons for the kernels. If `solids`, those of solids block segments from their front only."""
+        """Return the kernels' records of the polygons.
+
+        solids : True if polygons of closed surfaces block only segments that come from their front
+        """
         corner = self.corners[:, 0]
         e1, e2 = self.corners[:, 1] - corner, self.corners[:, 2] - corner
         normal, front_only = self._normals(), self.solid & solids

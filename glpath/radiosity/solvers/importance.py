@@ -57,7 +57,8 @@ def visits_from_camera(
     Half of the paths leave the camera in its view, half in all directions, as the camera may turn. They continue as
     particles do. Arrivals count after a reflection only, because the camera sees the first surface directly.
 
-    came : (2, C, BINS), if given, the same sums are added by bin of the direction from the cell back along the path
+    came : (2, C, BINS) array to which the same sums are added, by bin of the direction from which paths arrive;
+           None if these sums are not needed
     """
     return np.asarray(_from_camera(scene, rays, cells, seed, _VISIT_BATCHES, 0.5, ENDLESS, came).mean(axis=2))
 

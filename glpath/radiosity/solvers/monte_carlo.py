@@ -65,8 +65,8 @@ _DEEPER = 2
 _FIRST_ELEMENTS = 1 << 14
 #: Maximum number of elements in all lattices in the last pass.
 _MAX_ELEMENTS = 1 << 18
-#: Sum of `Detail.misplaced` over all triangles, divided by the square of the threshold, from which on lattices are
-#: refined.
+#: Minimum sum of `Detail.misplaced` over all triangles, divided by the square of the threshold, at which lattices
+#: are refined.
 _MISPLACED = 0.32
 #: Value of `Detail.misplaced` of a triangle, divided by the square of the threshold, above which its lattice is
 #: refined.
@@ -87,8 +87,9 @@ class _Lit(NamedTuple):
     back     : (L,) 1 if the side is the triangle's back, otherwise 0
     chance   : (L,) probability that a particle starts on this side
     scale    : (L, 3) energy of a particle per irradiance at its start: reflectance times area over chance
-    through  : (L, 3) the same by transmittance, for a particle that leaves from the other side
-    across   : (L,) probability that it leaves from the other side
+    through  : (L, 3) `scale` with transmittance instead of reflectance, for a particle that leaves from the other
+               side
+    across   : (L,) probability that a particle leaves from the other side
     to_sky, to_camera : (L, BINS) guides to directions of visible sky, and to directions that a camera may see;
                None unless a camera decides the starts
     choice   : choice of punctual lights, if there are many; `row` (L,) is its row for each side
@@ -363,7 +364,7 @@ class Shooting:
             lit[back, cell] = irradiance.reshape(-1, each).mean(axis=1)
             from_sky[back, cell] = bins.reshape(-1, each, BINS).mean(axis=1)
         # A few rays can miss a window, a lamp or a path to the camera. Without a floor, such a start would have a
-        # tiny probability, and a single particle from there would be a large error.
+        # tiny probability, and a single particle from there would cause a large error.
         usual = float((visits * lit).sum() / max(visits.sum(), 1.0))
         return np.asarray(worth * (lit + _UNHIT * usual)), from_sky
 

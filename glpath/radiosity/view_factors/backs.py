@@ -1,4 +1,4 @@
-"""Estimate which fraction of each face's light arrives at backs of faces; it is in no factor and not in the sky.
+"""Estimate the fraction of each face's light that arrives at backs, which is in no view factor and not in the sky.
 
 Backs are not rows, so they have no factors. The fractions are estimated by cosine-weighted rays from Sobol points
 of each facet. A few rays for each facet find out if any back is visible at all. Only if so, all facets get as many

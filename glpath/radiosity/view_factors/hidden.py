@@ -23,13 +23,13 @@ from glpath.system.kernels import inner_kernel
 PARTS = 1024
 #: Number of blocks into which points are divided; differences of the blocks' means give the standard error.
 BLOCKS = 4
-#: If nearly all points agree, a shadow may still lie between them. This value divided by their number is then added
-#: to the standard error of the visible fraction, in squares.
+#: If nearly all points agree, a shadow may still lie between them. The square of this value divided by their number
+#: is then added to the variance of the visible fraction.
 MISSED = 0.3
 #: Number of stored points of Sobol's sequence.
 MAX_POINTS = 1 << 16
-#: The points also estimate the unoccluded exchange area, whose exact value is known. This fraction of the relative
-#: error of that estimate is added to the standard error of the visible fraction, in squares.
+#: The points also estimate the unoccluded exchange area, whose exact value is known. The square of this fraction
+#: of the estimate's relative error is added to the variance of the visible fraction.
 UNKNOWN = 0.5
 _UNIT = 2.0**-32
 
