@@ -1,1 +1,1 @@
-"""What measures glpath, and what draws the papers' figures: of a checkout, not of an installation."""
+"""Benchmarks of glpath, and the figures of the papers made again. They run from a checkout, not an installation."""

@@ -1,4 +1,4 @@
-"""`python -m benchmarks bench NAME`, and figure, gallery, khronos, look, mitsuba-scenes, scene and walks.
+"""Command `python -m benchmarks`: bench, figure, gallery, khronos, look, mitsuba-scenes, scene and walks.
 
 `make bench` and `make figure` call it. Errors, warnings and exit codes are those of the `glpath` command.
 """

@@ -1,4 +1,4 @@
-"""`python -m benchmarks bench`: a measurement, beside other programs where they are installed."""
+"""`python -m benchmarks bench`: measure glpath, and compare it with other programs if they are installed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from glpath.scene import Scene
 
-# What each bench measures, and which options it takes besides --json.
+# Text of each bench for the help, and the options that it takes besides --json.
 BENCHES: dict[str, tuple[str, tuple[str, ...]]] = {
     "path-buffer": (
         "path tracing: milliseconds by stage, and Mitsuba 3 at equal error",
@@ -192,9 +192,9 @@ def bench(
 ) -> None:
     """Measure how fast an engine is.
 
-    Times on shared machines drift; the ratios to other programs, taken in the same run, are what to go by. Install
-    the reference extra (pip install -e '.[reference]') for these. A claim that does not hold is reported as such
-    and is no failure; programs that do not find the same are one (exit code 1).
+    Times on shared machines drift, so compare ratios to other programs, which are measured in the same run. They
+    need the reference extra (pip install -e '.[reference]'). A claim that does not hold is reported, and is no
+    failure. Programs with different results are a failure (exit code 1).
     """
     if list_all:
         for key, (what, _) in BENCHES.items():
@@ -368,7 +368,7 @@ def _measure(
 
 
 def _show(report: Report, output: Path | None) -> None:
-    """As tables, and as JSON where it is wanted."""
+    """Print a report as tables, and write it as JSON if `output` is given."""
 
     failure = None
     if output is not None:
@@ -380,7 +380,7 @@ def _show(report: Report, output: Path | None) -> None:
         return
     console = clean_console(soft_wrap=True, highlight=False, markup=False)
     if not console.is_terminal:
-        console.width = 200  # a table that is cut to a guessed screen has lost its numbers
+        console.width = 200  # wide enough that no table is cut off
     _print(console, report.measured, report.rows)
     if report.holds is not None:
         console.print(report.verdict)
@@ -408,5 +408,5 @@ def _print(console: Console, measured: dict[str, float], rows: list[dict[str, ob
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the main program."""
     app.command("bench")(bench)

@@ -1,1 +1,1 @@
-"""Measurements, compared with other people's programs where they are installed; each module is one bench."""
+"""Measurements, compared with other programs if they are installed; each module is one bench."""

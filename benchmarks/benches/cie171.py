@@ -1,16 +1,16 @@
-"""CIE 171:2006, its analytical test cases: what `glpath.irradiance` finds beside exact values.
+"""CIE 171:2006, analytical test cases: results of `glpath.irradiance` compared with exact values.
 
-Each value passes within 1 % of what is true, or within three of its standard errors where these are 1 % at most.
-Paths are added to a case until its largest standard error is 0.2 %, or until there are enough: of 3,229 values some
-are off by three standard errors and more by chance, which must be less than 1 % then. `measured`:
+A value passes within 1 % of the exact value, or within three of its standard errors if these are at most 1 %. Paths
+are added to a case until its largest standard error is 0.2 %, or up to a maximum. By chance, some of the 3,229
+values are off by more than three standard errors; these must be fewer than 1 %. `measured`:
 
-    values        : how many
-    missed        : of these, which do not pass
-    off           : the largest relative error
-    error         : the largest relative standard error
-    off_in_errors : the largest error of a value, in its standard errors, of those that are off by more than 0.1 %
+    values        : number of values
+    missed        : number of values that do not pass
+    off           : largest relative error
+    error         : largest relative standard error
+    off_in_errors : largest error in standard errors, among values that are off by more than 0.1 %
 
-Below scale 1 three skies of the sixteen are taken, with an error of 1 %.
+Below scale 1, three of the sixteen skies are measured, with a target error of 1 %.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ Say = Callable[[str], None]
 
 CLAIM = "CIE 171:2006: each value within 1 % of exact, or within three standard errors of 1 % at most"
 RULE = (Condition("missed", "<=", 0),)
-#: Of the quick run: overcast, clear, and the brightest around the sun.
+#: Skies of the quick run: overcast, clear, and the one brightest around the sun.
 _FEW = (1, 12, 15)
 _TARGET, _QUICK_TARGET = 0.002, 0.01
-#: Below that share an error is of the scene's float32, not of chance.
+#: Relative error below which an error is due to the scene's float32, not to chance.
 _BEYOND_CHANCE = 1e-3
 
 
 def cases(folder: Path, which: tuple[int, ...] = skies.SKIES) -> Iterator[Case]:
-    """All cases, under these skies; files of photometry are written into a folder."""
+    """Yield all cases under the skies `which`; photometric files are written to `folder`."""
     yield from electric.cases(folder)
     yield from daylight.cases(which)
 
@@ -50,7 +50,7 @@ def bench_cie171(scale: float = 1.0, say: Say = lambda text: None) -> Report:
     """Measure; takes some minutes on two cores.
 
     scale : below 1, three skies and larger errors
-    say   : called with a line on what goes on
+    say   : function that gets messages about the progress
     """
     context = get_context()
     start = time.perf_counter()
@@ -65,7 +65,7 @@ def bench_cie171(scale: float = 1.0, say: Say = lambda text: None) -> Report:
 
 
 def report(found: list[Measured], on: dict[str, Any], seconds: float, notes: list[str]) -> Report:
-    """Of cases that were measured on a machine."""
+    """Return the report of the measured cases."""
     numbers = summary(found) | {"seconds": seconds}
     claim, holds = judge(CLAIM, RULE, numbers)
     return Report(
@@ -81,7 +81,7 @@ def report(found: list[Measured], on: dict[str, Any], seconds: float, notes: lis
 
 
 def summary(found: list[Measured]) -> dict[str, Any]:
-    """The numbers of all cases together."""
+    """Return the numbers of all cases together."""
     off = np.concatenate([np.abs(each.off) for each in found])
     errors = np.concatenate(
         [np.where(each.lit, each.errors / np.maximum(each.case.exact, 1e-30), 0) for each in found]

@@ -1,11 +1,11 @@
-"""A year of daylight in an office, from the scene to sDA and ASE, beside Radiance; and the sky and suns of a city.
+"""Daylight of an office over a year, from the scene to sDA and ASE, beside Radiance; sky and suns of a city.
 
-The office has one band of windows, glass, sensors half a metre apart and blinds. Its weather is a real year, of the
-file that comes with pvlib. Coefficients are compared with those of `rfluxmtx` for the same patches, all reflections
-to the fifth, and errors of both are taken to Radiance's with many more rays. Radiance's time to our error follows
-from its own errors, which fall by the root of its rays.
+The office has one band of glass windows, blinds, and sensors half a metre apart. Its weather is the year in the
+file that comes with pvlib. Coefficients are compared with those of `rfluxmtx` for the same patches and up to the
+fifth reflection. Errors of both are relative to Radiance with many more rays. Radiance's time to our error is
+extrapolated: its error is inversely proportional to the square root of its number of rays.
 
-Source:   the marks are of issue 43; ClimateStudio claims ten seconds for such an office.
+Source:   issue 43 for the limits; ClimateStudio claims ten seconds for such an office.
 """
 
 from __future__ import annotations
@@ -56,26 +56,26 @@ RULE = (
     Condition("shard_GiB", "<=", 1.0),
 )
 ALONE = (RULE[0], *RULE[3:])
-#: Light meets at most so many surfaces, the sensor's among them.
+#: Maximum number of surfaces that light meets, including the sensor's surface.
 BOUNCES = 5
-#: Rays of each sensor of Radiance's, and those of the coefficients that errors are taken to.
+#: Rays per sensor of Radiance, and rays of the coefficients that serve as reference.
 RAYS, CONVERGED = (1000, 4000, 16000), 200_000
-#: Directions into each patch.
+#: Numbers of directions into each patch.
 SAMPLES = (4, 16, 64)
 CITY, SENSORS = 43_000, 1_000_000
-#: Sensors of a matrix, and its shards.
+#: Number of sensors of a matrix, and number of its shards.
 SHARDED, SHARDS = 100_000, 8
 _UP = [0.0, 0.0, 1.0]
 
 
 def real_year() -> Path:
-    """Greensboro, North Carolina, a typical year [NREL, TMY3], which comes with pvlib."""
+    """Return the weather file of Greensboro, a typical year [NREL, TMY3], which comes with pvlib."""
     with quiet_pvlib() as pvlib:
         return Path(pvlib.__file__).parent / "data" / "723170TYA.CSV"
 
 
 def office_seconds(rounds: int, say: Say) -> tuple[list[float], str]:
-    """Of each round, the whole process from the scene to sDA and ASE, blinds and all; and what it has printed."""
+    """Return the seconds of each round of the process from the scene to sDA and ASE, and its printed text."""
     found, printed = [], ""
     with tempfile.TemporaryDirectory() as folder:
         for name, blinds in (("office.toml", False), ("closed.toml", True)):
@@ -99,7 +99,7 @@ def office_seconds(rounds: int, say: Say) -> tuple[list[float], str]:
 
 
 def patches_alone(weather: Weather, found: Any) -> Float64:
-    """(P, H) cd m^-2 of the hours of the year, the sun in the patch that it stands in, as without positions."""
+    """Return luminance (P, H), cd m^-2, for the hours of the year, with the sun spread over its patch."""
     skies = HourlySkies.of(weather, found, GROUND)
     sky = skies.sky("illuminance").astype(np.float64)
     altitude, azimuth = (each[skies.hours] for each in weather.sun)
@@ -112,14 +112,14 @@ def patches_alone(weather: Weather, found: Any) -> Float64:
 
 
 def error(found: Float64, expected: Float64) -> float:
-    """Of coefficients, as a share of their size, both as root mean squares."""
+    """Return the relative error of coefficients: RMS of the errors divided by RMS of the expected values."""
     return float(np.sqrt(np.sum((found - expected) ** 2) / np.sum(expected**2)))
 
 
 def beside_radiance(scale: float, say: Say) -> tuple[list[Row], dict[str, float], list[str]]:
-    """Rows of both programs, numbers, and faults; GlpathError without Radiance.
+    """Return rows and numbers of both programs, and faults. Raises GlpathError if Radiance is missing.
 
-    Blinds close in the same hours for both: those in which the sun is on more than 2 % of the sensors.
+    In both, blinds are closed in the same hours: those in which the sun reaches more than 2 % of the sensors.
     """
     version = radiance.version()
     bare, closed, at = scene_from_dict(office()), scene_from_dict(office(blinds=True)), sensors()
@@ -148,7 +148,7 @@ def beside_radiance(scale: float, say: Say) -> tuple[list[Row], dict[str, float]
         off = error(found.sky().astype(np.float64), expected)
         rows.append({"program": "glpath", "samples": samples, "seconds": took, "error": off})
         say(f"glpath, {samples} directions into a patch: {took:.1f} s, error {off:.2%}")
-        # Radiance's cost is in proportion to rays, and its error to their root.
+        # Radiance's cost is proportional to its rays, and its error to the inverse square root of their number.
         of_this = theirs["seconds"] * (theirs["error"] / off) ** 2 / took
         if of_this > ratio:
             best, ratio = samples, of_this
@@ -180,7 +180,7 @@ def beside_radiance(scale: float, say: Say) -> tuple[list[Row], dict[str, float]
 
 
 def city(scale: float, say: Say) -> dict[str, float]:
-    """Direct coefficients of sensors on the ground and the roofs: 577 patches and the suns of a year."""
+    """Compute direct coefficients of sensors on the ground and the roofs for 577 patches and the suns of a year."""
     blocks = City.of(CITY)
     at = blocks.points(max(1000, round(SENSORS * scale)))
     started = time.perf_counter()
@@ -200,7 +200,7 @@ def city(scale: float, say: Say) -> dict[str, float]:
 
 
 def shard(scale: float) -> dict[str, float]:
-    """Seconds and memory of this process: a shard with all reflections, 2,305 patches and suns, and its file."""
+    """Return the seconds and memory of this process to compute a shard, with all reflections, and save it."""
     blocks = City.of(max(500, round(CITY * scale)))
     at = blocks.points(max(800, round(SHARDED * scale)))
     started = time.perf_counter()
@@ -216,7 +216,7 @@ def shard(scale: float) -> dict[str, float]:
 
 
 def shard_alone(scale: float, say: Say) -> dict[str, float]:
-    """The same in a process of its own, whose memory is its alone."""
+    """Run `shard` in a separate process, so that its memory is measured alone."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes:
         found = processes.submit(shard, scale).result()
     say(f"shard of a city: {found['shard_s']:.0f} s, {found['shard_GiB']:.2f} GiB")
@@ -226,15 +226,15 @@ def shard_alone(scale: float, say: Say) -> dict[str, float]:
 def bench_daylight(rounds: int = 3, scale: float = 1.0, say: Say = lambda text: None) -> Report:
     """Measure; takes ten minutes on two cores, most of it Radiance's reference.
 
-    The report's numbers: `office_s`, of the whole process; `radiance_ratio`, how much longer Radiance takes to the
-    same error of the coefficients; `sda_off`, how far both shares of sensors with 300 lx in half of the time are
-    apart; `city_s`; `shard_GiB`, at most resident; and others.
+    The report's numbers: `office_s`, seconds of the whole process; `radiance_ratio`, Radiance's time to the same
+    error of the coefficients, divided by ours; `sda_off`, difference of both fractions of sensors with 300 lx in
+    half of the time; `city_s`; `shard_GiB`, peak resident memory; and others.
 
     Parameters
     ----------
-    rounds : of the office
+    rounds : number of runs of the office
     scale  : below 1, fewer sensors in the city, fewer rays of Radiance, and a shard of a smaller city
-    say    : called with a line on what is measured
+    say    : function that gets messages about the progress
     """
     seconds, printed = office_seconds(rounds, say)
     numbers: dict[str, float] = {"office_s": median(seconds), "office_sensors": float(len(sensors()))}

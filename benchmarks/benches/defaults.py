@@ -1,20 +1,22 @@
-"""What a person gets who says nothing but which scene and where to: seconds of the whole process, and the error.
+"""Cost of a render with default options: seconds of the whole process, and the error of the picture.
 
-`glpath render SCENE -o a.png`, warm, processes in turns, of which the median counts; then once more to a film,
-which is denoised and compared with unbiased paths, kept in the cache folder. The error is without the worst
-thousandth of the pixels, and without the reference's own.
+`glpath render SCENE -o a.png` runs with warm caches. Processes take turns, and the median counts. Then the scene is
+rendered once more to a film, which is denoised and compared with unbiased paths from the cache folder. The error
+excludes the worst thousandth of the pixels and the reference's own error.
 
-Beside it Cycles with Blender's defaults (noise threshold 0.01, at most 4,096 samples, its denoiser) but all
-bounces of light and at most two minutes, where it can have the scene: the seconds of a picture, its start and the
-building of its tree left out; and with larger thresholds, as it is to be compared at the error that glpath leaves.
-`parlour` is the model that Blender's importer reads, whose glass and plastic are not quite ours: Cycles' error is
-taken beside a long render of its own.
+Cycles renders the scenes that it supports with Blender's defaults (noise threshold 0.01, at most 4,096 samples, its
+denoiser), but with all bounces of light and at most two minutes. Its seconds exclude its start and the building of
+its tree. Larger thresholds follow, so that both can be compared at the error of glpath's picture. `parlour` is read
+by Blender's importer, which gives slightly different glass and plastic. Cycles' error is there relative to a long
+render of its own.
 
 measured, for each scene:
-    SCENE_s, SCENE_relmse            : of glpath's picture
-    SCENE_cycles_s, .._cycles_relmse : of Cycles at the same error, between two of its pictures; else of its best
-    SCENE_vs_cycles                  : how many times as fast glpath is
-    helmet_s                         : of a model as from an artist, its file read, below a map of a sky; no error
+    SCENE_s, SCENE_relmse            : seconds and error of glpath's picture
+    SCENE_cycles_s, .._cycles_relmse : Cycles at the same error, interpolated between two pictures; else its best
+                                       one
+    SCENE_vs_cycles                  : Cycles' time divided by glpath's
+    helmet_s                         : seconds for a model file as from an artist, under an environment map; no
+                                       error
 """
 
 from __future__ import annotations
@@ -52,22 +54,22 @@ from glpath.system.versions import versions
 
 Say = Callable[[str], None]
 
-#: Seconds and error that are the aim.
+#: Target seconds and error of each scene.
 AIMS = {"cornell-box": (4.0, 5e-4), "room": (12.0, 1.5e-3), "parlour": (15.0, 2.5e-3)}
-#: Seconds that are the aim for the model.
+#: Target seconds for the model.
 MODEL_AIM = 8.0
-#: Of the picture, where it is not the scene's own.
+#: Size of the picture, if it is not the scene's own.
 SIZES = {"room": (640, 640)}
-#: Scenes that are a model, in the folder of scenes.
+#: Scenes that are model files in the folder of scenes.
 MODELS = {"parlour": "parlour.glb"}
-#: Path sets of the unbiased picture.
+#: Number of path sets of the unbiased picture.
 SETS = 512
-# Samples of each of the two pictures that the error of Cycles in a model is taken beside.
+# Samples of each of the two pictures that estimate the error of Cycles in a model.
 _OWN_SAMPLES = 64
-#: Of Cycles; the first is Blender's default.
+#: Noise thresholds of Cycles; the first is Blender's default.
 THRESHOLDS = (0.01, 0.03, 0.1)
 _CYCLES_SAMPLES = 4096
-# Of a picture of Cycles', in which it samples what it can; its error says what that was worth.
+# Time limit of a picture by Cycles, seconds. The picture's error shows the effect of the limit.
 _CYCLES_SECONDS = 120.0
 _WORST = 1e-3
 RULE = (
@@ -78,10 +80,10 @@ RULE = (
 
 
 def bench_defaults(rounds: int = 3, scale: float = 1.0, progress: Say = lambda text: None) -> Report:
-    """Time the processes, and take their errors.
+    """Time the processes, and measure their errors.
 
-    scale : below 1, that much of the reference's path sets
-    Raises GlpathError where a render fails; Cycles is left out where it is not installed.
+    scale : below 1, fraction of the reference's path sets
+    Raises GlpathError if a render fails. Cycles is left out if it is not installed.
     """
     measured: dict[str, float] = {}
     rows: list[dict[str, float | str | None]] = []
@@ -132,7 +134,7 @@ def bench_defaults(rounds: int = 3, scale: float = 1.0, progress: Say = lambda t
 
 
 def write_model(folder: Path, side: int = 2048) -> tuple[Path, Path]:
-    """The helmet as .glb, with textures of side x side, and the map of a sky with a bright spot, to a folder."""
+    """Write the helmet as .glb, with side x side textures, and an environment map with a bright spot."""
     model, sky = folder / "helmet.glb", folder / "sky.exr"
     write_gltf(helmet(side), model)
     rows, columns = 256, 512
@@ -144,7 +146,7 @@ def write_model(folder: Path, side: int = 2048) -> tuple[Path, Path]:
 
 
 class ByCycles(NamedTuple):
-    """A picture of Cycles'."""
+    """Seconds and error of a picture by Cycles."""
 
     threshold: float
     seconds: float
@@ -162,7 +164,7 @@ def _render(scene: str, output: str, *more: str) -> None:
 
 
 def _reference(scene: Scene, sets: int, say: Say) -> Film:
-    """Unbiased paths, of a seed that no default has; kept, and gone on with where there were fewer."""
+    """Return unbiased paths. A cached film with fewer path sets is resumed. No default uses this seed."""
     width, height = scene.camera.resolution
     path = reference_folder() / f"{scene.name}-{width}x{height}-paths-{scene.digest()[:16]}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -175,7 +177,7 @@ def _reference(scene: Scene, sets: int, say: Say) -> Film:
 
 
 class Converged(Protocol):
-    """A picture, and the error that it has itself."""
+    """Picture with an estimate of its own error."""
 
     @property
     def mean(self) -> Float64: ...
@@ -184,7 +186,7 @@ class Converged(Protocol):
 
 
 def error_beside(picture: ArrayLike, reference: Converged) -> float:
-    """relMSE of what is not the worst thousandth, the reference's own error taken off."""
+    """Return the relMSE without the worst thousandth of the pixels, minus the reference's own error."""
     expected = reference.mean
     own = reference.variance_of_mean()
     weight = expected**2 + 1e-2
@@ -194,8 +196,12 @@ def error_beside(picture: ArrayLike, reference: Converged) -> float:
 
 
 def seconds_to(found: Sequence[ByCycles], error: float) -> tuple[float, float]:
-    """Seconds until the error, and that: on the line through the logarithms of the quickest picture that is as good
-    and the best that is not; those of the former where all are as good, of the best picture where none is."""
+    """Return the seconds to an error, and the error that they are for.
+
+    The seconds are interpolated in logarithms between the quickest picture that is good enough and the best of the
+    quicker ones. They are those of the quickest picture if no quicker one exists, and those of the best if none is
+    good enough.
+    """
     good = [each for each in found if each.relmse <= error]
     others = [each for each in found if each.relmse > error]
     if not good:
@@ -228,7 +234,7 @@ def _by_cycles(scene: Scene, reference: Film, say: Say) -> list[ByCycles]:
 
 
 class _OwnReference(NamedTuple):
-    """Of two pictures of other seeds. `Converged`."""
+    """Reference from two pictures with different seeds, see `Converged`."""
 
     mean: Float64
     squared_error: Float64
@@ -238,13 +244,13 @@ class _OwnReference(NamedTuple):
 
 
 def _model_by_cycles(scene: Scene, reference: Film, say: Say) -> list[ByCycles]:
-    """Beside a long render of its own, in watts: the file is in candela."""
+    """Compare Cycles with a long render of its own, in watts, because the file is in candela."""
     folder = shipped_folder("scenes")
     assert folder is not None, "the scene itself was read from it"
     file = folder / MODELS[scene.name]
     width, height = scene.camera.resolution
     asked = {"side": width, "height": height, "max_depth": DEEPEST, **view_of(scene)}
-    asked["exposure"] = 1.0 / EFFICACY  # Cycles' thresholds are of pictures that are seen
+    asked["exposure"] = 1.0 / EFFICACY  # Cycles' thresholds refer to the brightness of the displayed picture
     say(f"{scene.name}: Cycles' own long render")
     one, other = (render_model(file, {**asked, "spp": _OWN_SAMPLES, "seed": seed}).image for seed in (1_000, 1_001))
     own = _OwnReference(0.5 * (one + other), (0.5 * (one - other)) ** 2)

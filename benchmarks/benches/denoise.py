@@ -1,18 +1,18 @@
-"""How soon pictures come to an error with a denoiser: the gather and path tracing beside Mitsuba, all with one.
+"""Time until pictures reach an error with a denoiser: the gather and path tracing compared with Mitsuba.
 
-All bounces of light; Open Image Denoise with albedo and normals, which glpath renders with its samples, and Mitsuba
-apart, as that is quicker for it. A program's time to N samples has its solver, its AOVs and the denoiser in it. The
-times of samples and the errors come from the same renders, and the programs take turns. Numbers of samples double
-until a pilot render is well below the target. `measured`:
+All bounces of light are rendered, and all programs use Open Image Denoise with albedo and normals. glpath renders
+these with its samples; Mitsuba renders them separately, which is faster for it. A program's time to N samples
+includes its solver, its AOVs and the denoiser. Times and errors come from the same renders, and the programs take
+turns. Numbers of samples double until a pilot render is well below the target. `measured`:
 
-    denoise_s                       : the denoiser, for one picture
-    solver_s, guide_s               : the radiosity solution and the gather's path guides, once
-    gather_ms_per_set               : with AOVs
+    denoise_s                       : seconds of the denoiser for one picture
+    solver_s, guide_s               : seconds of the radiosity solution, and of the gather's path guides
+    gather_ms_per_set               : milliseconds of a path set with AOVs
     gather_relmse_N                 : error at N path sets after denoising, mean over seeds
-    gather_sets_to_target, gather_s : path sets to the target; seconds, with solver and denoiser
-    path_..., mitsuba_...           : the same of path tracing, guided by the solution, and of Mitsuba
-    vs_mitsuba, path_vs_mitsuba     : Mitsuba's time over the gather's, and over path tracing's
-    ..._mean_off                    : by how much the mean of the largest picture is off that of the converged one
+    gather_sets_to_target, gather_s : path sets to the target; seconds, including solver and denoiser
+    path_..., mitsuba_...           : the same for path tracing guided by the solution, and for Mitsuba
+    vs_mitsuba, path_vs_mitsuba     : Mitsuba's time divided by the gather's, and by path tracing's
+    ..._mean_off                    : relative difference between the means of the largest and the converged picture
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ from glpath.io import load_scene
 from glpath.scene.model import Float64, Scene
 from glpath.system.versions import versions
 
-#: Of a picture after denoising.
+#: Target relMSE of a picture after denoising.
 TARGET = 5e-4
-# Of Mitsuba's albedo and normals, which it renders apart: with more, no error is less.
+# Samples of Mitsuba's albedo and normals, which it renders separately; more do not reduce the error.
 _AOV_SAMPLES = 16
-# Mitsuba's strata are squares.
+# Mitsuba's strata are squares, so its numbers of samples are squares.
 _SETS, _SAMPLES = (4, 8, 16, 32, 64, 128, 256, 512, 1024), (4, 9, 16, 36, 64, 121, 256, 529, 1024)
-# What a denoiser makes of a lamp's edge takes energy away.
+# The denoiser loses energy at the edges of lamps.
 AGREEMENT = tuple(Condition(f"{name}_mean_off", "<=", 0.03) for name in ("gather", "path", "mitsuba"))
 RULE = (*AGREEMENT, Condition("vs_mitsuba", ">", 1.0))
 
@@ -67,8 +67,8 @@ def bench_denoise(
 ) -> Report:
     """Measure; takes about two minutes on two cores of llvmpipe with Mitsuba. Raises GlpathError without pyoidn.
 
-    seeds, reference, scene, say : as of `bench_gather`
-    most                         : samples, at which a program that has not come to the target ends
+    seeds, reference, scene, say : see `bench_gather`
+    most                         : number of samples at which a program ends that has not reached the target
     target                       : relMSE of the denoised picture
     """
     require_denoiser()
@@ -93,7 +93,7 @@ def bench_denoise(
 
     contestants = {
         "gather": Contestant(
-            # With so few sets, edges want more of them rather than branches.
+            # With so few sets, edges need more path sets rather than branches.
             _SETS,
             ours(lambda seed: gather_engine(context, scene, solution, seed, aovs=DENOISER_AOVS, branches=1)),
             "set",
@@ -152,7 +152,7 @@ def bench_denoise(
 def _denoised_steps(
     engine: PathSetEngine, counts: Sequence[int], clean: Callable[[Float64, Float64, Float64], Float64]
 ) -> Steps:
-    """As `trace_in_steps`, each picture denoised."""
+    """Return the result of `trace_in_steps`, with each picture denoised."""
     sums: dict[str, Float64 | float] = dict.fromkeys(DENOISER_AOVS, 0.0)
 
     def finish(picture: Float64, sets: int) -> Float64:
@@ -165,7 +165,7 @@ def _denoised_steps(
 
 
 def _enough(contestant: Contestant, truth: Reference, most: int, target: float) -> tuple[int, ...]:
-    """The first numbers of samples, to one whose error is well below the target."""
+    """Return the first numbers of samples, up to one whose error is well below the target."""
     for last, count in enumerate(contestant.counts, 1):
         _, images = contestant.draw((count,), PILOT)
         if error_of(images[0], truth) <= 0.8 * target or contestant.counts[last : last + 1] > (most,):

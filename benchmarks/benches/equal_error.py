@@ -1,11 +1,11 @@
-"""Programs at equal error: their pictures at a few numbers of samples, against one converged picture.
+"""Compare programs at equal error, from their pictures at a few numbers of samples and one converged picture.
 
-Error is relMSE = mean(e^2 / (ref^2 + 0.01)), less the reference's own, which adds to it, as the two share no
-sample. The times of a program and its errors come from the same renders, and the programs take turns, as shared
-machines drift.
+The error is relMSE = mean(e^2 / (ref^2 + 0.01)) minus the reference's own relMSE, which adds to it because the two
+are independent. Times and errors come from the same renders, and the programs take turns, because the speed of
+shared machines drifts.
 
-Mitsuba is the peer that a verdict is about. Cycles and Radiance join where they are installed; one that finds
-another picture, by its mean or as its error does not get to the target, is reported and compared with nothing.
+Mitsuba is the program that a verdict is about. Cycles and Radiance join if they are installed. A program whose
+picture differs, in its mean or because its error does not reach the target, is reported but not compared.
 """
 
 from __future__ import annotations
@@ -33,24 +33,24 @@ Say = Callable[[str], None]
 Steps = tuple[Sequence[float], Sequence[Float64]]
 
 TARGET = 1e-3
-#: A reference's own relMSE may be this share of the target.
+#: Maximum relMSE of the reference itself, as a fraction of the target.
 REFERENCE_SHARE = 0.25
-#: By how much the mean of another program's picture may be off, or it is another picture.
+#: Maximum relative difference of another program's mean; above it, the program renders a different picture.
 SAME_MEAN = 0.01
-#: A seed that is not measured.
+#: Seed of pilot renders, which are not measured.
 PILOT = 999
-# Shipped references have the first ones.
+# First seed of the peer; shipped references use lower ones.
 _PEER_SEED = 10_000
-# Numbers of samples grow by no more.
+# Maximum factor by which the numbers of samples grow.
 _MOST_GROWTH = 64.0
 CYCLES_SAMPLES = (64, 128, 256)
 
 
 @dataclass
 class Contestant:
-    """A program: `draw(counts, seed)` gives milliseconds per sample and the picture at each number of samples.
+    """Program whose `draw(counts, seed)` returns milliseconds per sample and the picture at each number of samples.
 
-    unit     : what its samples are called in the report
+    unit     : name of its samples in the report
     before_s : seconds before its first sample
     """
 
@@ -63,7 +63,7 @@ class Contestant:
     means: list[float] = field(default_factory=list)
 
     def grow(self, truth: Reference, target: float) -> None:
-        """More samples where the first number's error says that the last does not come to the target."""
+        """Increase the numbers of samples if the first one's error predicts that the last misses the target."""
         _, images = self.draw(self.counts[:1], PILOT)
         needed = self.counts[0] * error_of(images[0], truth) / target
         if needed > self.counts[-1]:
@@ -85,7 +85,7 @@ class Contestant:
         return np.asarray(np.mean(self.errors, axis=0))
 
     def rows(self, name: str) -> list[dict[str, object]]:
-        """Of the report's table."""
+        """Return the rows of the report's table."""
         return [
             {"program": name, "samples": n, "relmse": float(e), "s": self.before_s + 1e-3 * n * self.ms_per_sample}
             for n, e in zip(self.counts, self.error, strict=True)
@@ -93,7 +93,7 @@ class Contestant:
 
 
 def error_of(image: Float64, truth: Reference) -> float:
-    """relMSE to the reference, less what the reference's own adds, where that is known."""
+    """Return the relMSE to the reference, minus the reference's own relMSE if it is known."""
     return max(relative_mse(image, truth.image) - float(np.nan_to_num(truth.relmse)), 1e-12)
 
 
@@ -101,7 +101,7 @@ def error_of(image: Float64, truth: Reference) -> float:
 def other_peers(
     scene: Scene, depth: int, truth: Reference, notes: list[str], scale: float = 1.0
 ) -> Iterator[dict[str, Contestant]]:
-    """Cycles, running as long as the block, where it is installed; what is left out is noted."""
+    """Yield Cycles, which runs for the duration of the block, if it is installed; otherwise add a note."""
     with ExitStack() as stack:
         try:
             program = stack.enter_context(cycles(scene, depth))
@@ -125,7 +125,7 @@ def _draw(program: Cycles, counts: Sequence[int], seed: int) -> Steps:
 
 
 def compared_with(name: str, measured: Mapping[str, float], seconds: float) -> dict[str, float]:
-    """`vs_NAME`, the time of another program over ours; nothing where its picture is another one."""
+    """Return `vs_NAME`, the time of another program divided by ours; empty if its picture is a different one."""
     off, needed = measured.get(f"{name}_mean_off", np.nan), measured.get(f"{name}_s", np.nan)
     return {f"vs_{name}": needed / seconds} if off <= SAME_MEAN and np.isfinite(needed) else {}
 
@@ -133,7 +133,7 @@ def compared_with(name: str, measured: Mapping[str, float], seconds: float) -> d
 def radiance_row(
     scene: Scene, truth: Reference, notes: list[str]
 ) -> tuple[dict[str, float], list[dict[str, object]]]:
-    """Radiance's picture with its ambient cache, biased: numbers and a row; none where it is absent, noted."""
+    """Return numbers and a row for Radiance's picture with its ambient cache; a note if it is missing."""
     try:
         seconds, image = radiance_peer.render(scene)
     except GlpathError as error:
@@ -151,11 +151,11 @@ def radiance_row(
 
 @dataclass(frozen=True)
 class Ground:
-    """What programs are compared on: a scene that all can have, Mitsuba's of it, and the converged picture.
+    """Basis of a comparison: a scene that all programs support, Mitsuba's version of it, and the converged picture.
 
-    peer  : makes Mitsuba's scene, see `mitsuba_scenes`; None without it
-    truth : None where there is no reference
-    notes : on these, for the report
+    peer  : function that makes Mitsuba's scene, see `mitsuba_scenes`; None without Mitsuba
+    truth : converged picture; None if there is no reference
+    notes : notes for the report
     """
 
     scene: Scene
@@ -165,7 +165,7 @@ class Ground:
 
     @classmethod
     def of(cls, scene: Scene, depth: int, reference: str | Path | None, target: float, say: Say) -> Ground:
-        """reference: a picture that is given; else the shipped one, else Mitsuba's, good enough for the target."""
+        """Return the basis for a scene. The reference is `reference`, else the shipped one, else Mitsuba's."""
         scene, notes = mitsuba_peer.comparable(scene)
         peer = mitsuba_scenes(scene, depth, notes)
         truth = reference_picture(reference, scene, depth, peer is not None, REFERENCE_SHARE * target, say)
@@ -177,12 +177,12 @@ class Ground:
 
 
 def scaled(counts: tuple[int, ...], scale: float) -> tuple[int, ...]:
-    """Fewer samples, below a scale of 1; numbers that become equal are one."""
+    """Return smaller numbers of samples for a scale below 1; equal numbers are merged."""
     return tuple(sorted({max(1, round(scale * n)) for n in counts}))
 
 
 def mitsuba_scenes(scene: Scene, depth: int, notes: list[str]) -> Callable[[int], Any] | None:
-    """Makes Mitsuba's scene for a number of samples (its strata depend on it); None without the extra, noted."""
+    """Return a function from a number of samples to Mitsuba's scene; None, with a note, if the extra is missing."""
     try:
         mitsuba_peer.load_mitsuba()
     except GlpathError as error:
@@ -195,19 +195,19 @@ def mitsuba_scenes(scene: Scene, depth: int, notes: list[str]) -> Callable[[int]
 
 
 def warm_up(tracer: Engine) -> None:
-    """Compile what is left to compile."""
+    """Compile the remaining kernels and shaders."""
     tracer.trace_path_set(0)
     tracer.take()
 
 
 def _without_machine(source: str) -> str:
-    """The file of a reference, by what is the same on every machine."""
+    """Return the file of a reference without the part of its path that depends on the machine."""
     path, ours = Path(source), Path(__file__).parents[2]
     return str(path.relative_to(ours)) if path.is_relative_to(ours) else path.name
 
 
 def stage_times(tracer: PathSetEngine, sets: int = 24) -> dict[str, float]:
-    """Milliseconds of each stage, the median over path sets of a tracer that times them."""
+    """Return the milliseconds of each stage: medians over path sets of a tracer with timings."""
     each: dict[str, list[float]] = {}
     for index in range(sets):
         tracer.stopwatch.milliseconds.clear()
@@ -220,9 +220,9 @@ def stage_times(tracer: PathSetEngine, sets: int = 24) -> dict[str, float]:
 def trace_in_steps(
     tracer: Engine, counts: Sequence[int], finish: Callable[[Float64, int], Float64] | None = None
 ) -> Steps:
-    """Milliseconds per path set between any two of `counts`, and the picture at each of them.
+    """Return milliseconds per path set between successive `counts`, and the picture at each of them.
 
-    finish : what is done with a picture of so many sets, not timed
+    finish : function applied to a picture and its number of sets, not timed
     """
     total: Float64 | float = 0.0
     done, ms, images = 0, [], []
@@ -240,9 +240,9 @@ def trace_in_steps(
 def render_peer_in_steps(
     peer: Callable[[int], Any], samples: Sequence[int], depth: int, seed: int
 ) -> tuple[list[float], list[Float64]]:
-    """Mitsuba's milliseconds per sample of all pixels, and its picture, at each number of samples.
+    """Return Mitsuba's milliseconds per sample of all pixels, and its picture, at each number of samples.
 
-    Of the first seed, each number's kernel is compiled before.
+    For the first seed, each number's kernel is compiled beforehand.
     """
     ms, images = [], []
     for spp in samples:
@@ -255,28 +255,28 @@ def render_peer_in_steps(
 
 
 def mean_off(means: Sequence[float] | Float64, truth: Float64) -> float:
-    """By how much the mean of pictures with such means is off that of the converged one: |ratio - 1|."""
+    """Return |ratio - 1|, where the ratio is that of the mean of pictures to the mean of the converged one."""
     return abs(float(np.mean(means)) / float(truth.mean()) - 1)
 
 
 def line_to_target(samples: Sequence[int], errors: Float64, target: float) -> tuple[float, float]:
-    """Of the straight line through log(error) over log(samples): its slope, and the samples to the target."""
+    """Return the slope of the straight line through log(error) over log(samples), and the samples at the target."""
     slope, offset = np.polyfit(np.log(samples), np.log(errors), 1)
-    with np.errstate(over="ignore"):  # endless where the error does not fall
+    with np.errstate(over="ignore"):  # infinite if the error does not fall
         return float(slope), float(np.exp((np.log(target) - offset) / slope))
 
 
 def samples_to_target(samples: Sequence[int], errors: Float64, target: float) -> float:
-    """The samples to the target on the polyline through log(error) over log(samples); NaN where that ends above it.
+    """Interpolate the samples at the target, linear in log(error) and log(samples); NaN if not reached.
 
-    For errors that have a floor, below which a straight line would promise too much.
+    Use this for errors with a floor, below which a straight line would promise too much.
     """
     below = np.flatnonzero(errors <= target)
     if not len(below):
         return float("nan")
     i = int(below[0])
     if i == 0:
-        # Not extrapolated: the first number of samples is enough.
+        # Do not extrapolate; the first number of samples is enough.
         return float(samples[0])
     (x0, x1), (y0, y1) = np.log(samples[i - 1 : i + 1]), np.log(errors[i - 1 : i + 1])
     return float(np.exp(x0 + (np.log(target) - y0) * (x1 - x0) / (y1 - y0)))

@@ -1,14 +1,15 @@
-"""What glpath costs before it does anything: the packages of its core, and how long its entry points load.
+"""Cost of glpath before it renders: the packages of its core, and the load time of its entry points.
 
-Times are processor time, the median of turns, after one run that compiles bytecode. They include Python's own
-start, but for the plugin's: pytest itself is loaded before.
+Times are processor times, medians of runs that take turns, after one run that compiles bytecode. They include the
+start of Python, except for the plugin's, for which pytest is loaded first.
 
 measured:
-    packages, megabytes        : that `pip install glpath` brings, without extras, and the size of their files
-    numba_megabytes            : of these, numba with llvmlite
-    python_ms                  : an empty Python
+    packages, megabytes        : packages that `pip install glpath` installs without extras, and the size of their
+                                 files
+    numba_megabytes            : size of numba and llvmlite, included above
+    python_ms                  : start of an empty Python
     help_ms, render_help_ms    : `glpath --help`, `glpath render --help`
-    plugin_ms, plugin_modules  : the entry point of the pytest plugin, and how many modules it loads
+    plugin_ms, plugin_modules  : load time of the pytest plugin's entry point, and number of modules that it loads
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ print(time.process_time() - started, len(sys.modules) - before)
 
 
 def bench_footprint(rounds: int = 7, progress: Callable[[str], None] = lambda text: None) -> Report:
-    """Count and time. Raises GlpathError where a process fails."""
+    """Count and time. Raises GlpathError if a process fails."""
     progress("files of the core")
     sizes = core_sizes()
     commands = {
@@ -85,13 +86,13 @@ def bench_footprint(rounds: int = 7, progress: Callable[[str], None] = lambda te
 
 
 def _busy() -> list[str]:
-    """A note where other work was running: processor time is longer then, too, as caches are shared."""
+    """Return a note if other work was running, because shared caches then also increase processor time."""
     waiting = os.getloadavg()[0]
     return [f"the machine was busy: load average {waiting:.0f}"] if waiting > core_count() + 1 else []
 
 
 def core_sizes() -> dict[str, int]:
-    """Bytes of the installed files of each package that glpath needs without extras, by name; glpath's own not."""
+    """Return the size in bytes of each package that glpath needs without extras, by name, without glpath itself."""
     found: dict[str, int] = {}
     waiting = _needs(_installed("glpath"))
     while waiting:
@@ -122,13 +123,13 @@ def _needs(package: Distribution) -> list[str]:
 
 
 def plugin_cost() -> tuple[float, int]:
-    """Seconds of processor time that importing the pytest plugin adds to pytest, and how many modules it loads."""
+    """Return the processor seconds that importing the pytest plugin adds, and the number of loaded modules."""
     seconds, modules = _run(["-c", _PLUGIN]).stdout.split()
     return float(seconds), int(modules)
 
 
 def _processor_s(arguments: list[str]) -> float:
-    """Of one process, user and system."""
+    """Return the user and system time of one process, seconds."""
     before = os.times()
     _run(arguments)
     after = os.times()
@@ -136,7 +137,7 @@ def _processor_s(arguments: list[str]) -> float:
 
 
 def _run(arguments: list[str]) -> subprocess.CompletedProcess[bytes]:
-    # Images of containers set it: each process would compile all modules anew, which no user's does.
+    # Container images set this variable, with which each process would compile all modules again.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     done = subprocess.run(
         [sys.executable, *arguments], stdin=subprocess.DEVNULL, capture_output=True, check=False, env=environment

@@ -1,23 +1,23 @@
-"""How soon the gather has all bounces of light, its radiosity solver included, beside path tracing and Mitsuba 3.
+"""Time until the gather reaches an error with all bounces, solver included, beside path tracing and Mitsuba 3.
 
 The scene is `cornell-box-36`, 256 x 256, or any that is comparable (`mitsuba_peer`). Programs take turns within one
-run: the gather from a coarse solution; "path" with its defaults, unbiased, whose guide and control variate the
-solution is (`path_`); Mitsuba's path tracer at depth 64, with roulette from its default vertex on; and Cycles at as
-many bounces where it is installed. Error is relMSE against a converged picture of all bounces, less that picture's
-own; the samples to the target are read off the polyline through log(error) over log(samples), the time is theirs
-and, of ours, the solver's. Compilation is not counted. `measured`:
+run: the gather from a coarse solution; "path" with its defaults, unbiased, with the solution as its guide and
+control variate (`path_`); Mitsuba's path tracer at depth 64, with roulette from its default vertex on; and Cycles
+with as many bounces if it is installed. The error is relMSE against a converged picture of all bounces, minus that
+picture's own. Samples to the target are interpolated on the polyline through log(error) over log(samples). Our time
+includes the solver, and no time includes compilation. `measured`:
 
-    reference_relmse                : the error of the converged picture itself; absent where nobody knows it
-    solver_s                        : the radiosity solution, once; elements : how many it has
-    guide_s                         : where light comes from, by the solution, once
-    gather_ms_per_set, gather_ms_per_set.STAGE : whole, and by stage (run one by one, so that they add up to more)
+    reference_relmse                : error of the converged picture itself; absent if it is unknown
+    solver_s                        : seconds of the radiosity solution; elements : number of its elements
+    guide_s                         : seconds to make path guides from the solution
+    gather_ms_per_set, gather_ms_per_set.STAGE : whole, and by stage (run one by one, so they add up to more)
     gather_relmse_N                 : error at N path sets, mean over seeds
-    scans_ms_per_set                : of the gather with cast "path-buffer"
-    gather_sets_to_target, gather_s : path sets to the target; seconds, the solver's among them
-    path_..., mitsuba_..., cycles_... : the same of the others
-    vs_path, vs_mitsuba, vs_cycles : their time over the gather's; path_vs_mitsuba : Mitsuba's over the paths'
-    ..._mean_off                    : by how much the mean of the largest picture is off that of the converged one
-    radiance_s, radiance_relmse     : of Radiance's one picture, where it is installed
+    scans_ms_per_set                : the gather with cast "path-buffer"
+    gather_sets_to_target, gather_s : path sets to the target; seconds, including the solver
+    path_..., mitsuba_..., cycles_... : the same for the others
+    vs_path, vs_mitsuba, vs_cycles : their time divided by the gather's; path_vs_mitsuba : Mitsuba's by the paths'
+    ..._mean_off                    : relative difference between the means of the largest and the converged picture
+    radiance_s, radiance_relmse     : Radiance's picture, if it is installed
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ from glpath.sensors.sensor import CameraSensor
 from glpath.system.versions import versions
 
 SCENE = "cornell-box-36"
-#: Mitsuba's, for all bounces; what is missing after so many is less than a float can hold beside the rest.
+#: Maximum depth of Mitsuba's paths for all bounces; the light beyond it is below float precision.
 DEPTH = 64
 _GATHER_SETS = (16, 32, 64, 128)
 _PATH_SETS = (16, 32, 64, 128)
@@ -82,12 +82,12 @@ def bench_gather(
 
     Parameters
     ----------
-    seeds     : independent renders that errors and times are taken over
-    reference : a converged picture of the scene with all bounces; by default the one that ships, else Mitsuba
-                makes one, once (`benchmarks.references.kept`)
-    scale     : below 1, fewer samples of all, to see that it works
-    scene     : instead of the box; diffuse, lit by shapes that emit. Raises SceneError for others
-    say       : called with a line on what goes on
+    seeds     : number of independent renders, over which errors and times are averaged
+    reference : converged picture of the scene with all bounces; default: the shipped one, or one that Mitsuba makes
+                once (`benchmarks.references.kept`)
+    scale     : below 1, fewer samples for all programs, for a quick test
+    scene     : scene instead of the box; diffuse, lit by shapes that emit. Raises SceneError for others
+    say       : function that gets messages about the progress
     """
     context = get_context()
     ground = Ground.of(scene or load_scene(SCENE), DEPTH, reference, TARGET, say)
@@ -175,14 +175,14 @@ def bench_gather(
 
 
 def solve(scene: Scene) -> tuple[float, RadiositySolution]:
-    """Seconds of the radiosity solver, and its solution: that of a render that is given none."""
+    """Return the seconds of the radiosity solver, and the solution that a render makes by default."""
     start = time.perf_counter()
     solution = solve_for_gather(scene)
     return time.perf_counter() - start, solution
 
 
 def guiding_seconds(context: Context, scene: Scene, solution: RadiositySolution) -> float:
-    """What a gather's path guides take before its first set, compiled."""
+    """Return the seconds to make a gather's path guides before its first set, without compilation."""
     found = []
     for seed in range(4):
         engine = gather_engine(context, scene, solution, seed)
@@ -201,7 +201,7 @@ def gather_engine(
     aovs: tuple[Aov, ...] = (),
     branches: int = GatherSettings.branches,
 ) -> PathSetEngine:
-    """The gather, compiled."""
+    """Return the engine of the gather, compiled."""
     settings = GatherSettings(seed=seed, cast=cast, aovs=aovs, branches=branches)
     return compiled_engine(context, scene, solution, settings, timings)
 
@@ -209,7 +209,7 @@ def gather_engine(
 def path_engine_of(
     context: Context, scene: Scene, solution: RadiositySolution, seed: int, aovs: tuple[Aov, ...] = ()
 ) -> PathSetEngine:
-    """The path tracer as it is by default, with the solution, compiled."""
+    """Return the default path tracer with the solution, compiled."""
     settings = PathSettings(seed=seed, aovs=aovs).completed(lambda: True)
     return compiled_engine(context, scene, solution, settings)
 
@@ -221,7 +221,7 @@ def compiled_engine(
     settings: PathSetSettings,
     timings: bool = False,
 ) -> PathSetEngine:
-    """An engine, which goes by the solution if there is one, with all that is left to compile compiled."""
+    """Return a compiled engine with the given settings, and with the solution if there is one."""
     radiosity = None
     if solution is not None:
         assert isinstance(settings, GatherSettings | PathSettings), "no other engine has a use for it"
@@ -239,7 +239,7 @@ def compiled_engine(
 
 
 def summary(name: str, contestant: Contestant, target: float) -> dict[str, float]:
-    """The contestant's numbers."""
+    """Return the numbers of a contestant for the report."""
     unit = contestant.unit
     needed = samples_to_target(contestant.counts, contestant.error, target)
     return {

@@ -1,12 +1,12 @@
-"""Sky view factors and sun hours of terrain: a million points of 20 million triangles, and rays to compare with.
+"""Sky view factors and sun hours of terrain: a million points of 20 million triangles, compared with ray tracing.
 
-The field is hills upon hills, made from random lattices by interpolation, of 10 m a sample and slopes up to some 45
-degrees. The suns are those of a year at 47 degrees of latitude, in steps of declination and hour angle.
+The field has hills of all sizes, interpolated from random lattices, with 10 m per sample and slopes up to about 45
+degrees. The suns are those of a year at a latitude of 47 degrees, in steps of declination and hour angle.
 
-Errors are taken on a cut of the same field, whose triangles Embree has room for: sky view factors from stratified
-cosine-weighted rays, and sun hours from a ray to each sun.
+Errors are measured on a part of the same field that is small enough for Embree: sky view factors by stratified
+cosine-weighted rays, and sun hours by a ray to each sun.
 
-Source: Dozier & Frew 1990; the marks are of issue 43.
+Source: Dozier & Frew 1990; issue 43 for the limits.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ COST = (Condition("points_s", "<=", 600.0), Condition("GiB_most", "<=", 1.0))
 ERRORS = (Condition("sky_off_rms", "<=", 1e-3), Condition("sun_hours_off_rms", "<=", 1e-3))
 
 SIDE, POINTS, SPACING = 3164, 1_000_000, 10.0
-#: Samples along a side of the cut, its points, and rays of each along both axes of a square.
+#: Samples along a side of the part, number of its points, and rays of each point along both axes of a square.
 CUT, CUT_POINTS, CUT_RAYS = 257, 60, 400
 LATITUDE = 47.0
-#: How far above the surface rays begin: some roundings of coordinates.
+#: Height of ray origins above the surface: a few rounding errors of coordinates.
 OFFSET = 2e-3
 
 
 def hills(side: int, seed: int = 43) -> HeightField:
-    """A square field of hills of all sizes, in strips of little memory."""
+    """Return a square field of hills of all sizes, made in strips to save memory."""
     rng = np.random.default_rng(seed)
     octaves = []
     size = 512.0
@@ -61,7 +61,7 @@ def hills(side: int, seed: int = 43) -> HeightField:
             (i, v), (j, u) = (_smooth(at / size) for at in (rows, np.arange(side)))
             below = lattice[i] * (1 - v)[:, None] + lattice[i + 1] * v[:, None]
             heights[rows] += below[:, j] * (1 - u) + below[:, j + 1] * u
-    # Its middle is the origin, where Embree's short numbers lose the least.
+    # The origin is in the middle, where Embree's 32-bit numbers are most precise.
     middle = 0.5 * SPACING * (side - 1)
     return HeightField.of(heights, SPACING, (-middle, middle))
 
@@ -73,7 +73,7 @@ def _smooth(at: Float64) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
 
 
 def suns_of_a_year(declinations: int = 25, minutes: int = 30) -> tuple[Float64, Float64, Float64]:
-    """(S,) azimuths and altitudes in degrees, and hours: of even steps through the year and through the day."""
+    """Return (S,) azimuths and altitudes in degrees, and hours, in even steps through year and day."""
     day = (
         2 * np.pi * (np.arange(declinations) + 0.5) / (2 * declinations)
     )  # half of a year; the other is its mirror
@@ -90,7 +90,7 @@ def suns_of_a_year(declinations: int = 25, minutes: int = 30) -> tuple[Float64, 
 
 
 def points_on(field: HeightField, count: int, seed: int) -> Float64:
-    """(N, 2), off the edges of triangles: rays to compare with begin a little above the surface."""
+    """Return (N, 2) points away from triangles' edges, because comparison rays begin above the surface."""
     rng = np.random.default_rng(seed)
     rows, columns = field.shape
     cells = rng.integers([0, 0], [columns - 1, rows - 1], (count, 2))
@@ -101,7 +101,7 @@ def points_on(field: HeightField, count: int, seed: int) -> Float64:
 
 
 def cost_rows(field: HeightField, points: int, say: Say) -> list[Row]:
-    """Seconds of the clock and of the processor, of points and of all samples, and the most memory until then."""
+    """Return rows with wall and processor seconds for points and for all samples, and the peak memory so far."""
     suns = suns_of_a_year()
     at_points, at_samples = horizon(field, points_on(field, points, 1)), horizon(field)
     rows = []
@@ -130,7 +130,7 @@ def cost_rows(field: HeightField, points: int, say: Say) -> list[Row]:
 
 
 def error_rows(side: int, points: int, rays: int, say: Say) -> list[Row]:
-    """Of sky view factors by number of azimuths, and of sun hours: how far off rays to the same triangles."""
+    """Return rows with errors, against ray tracing, of sky view factors by azimuths, and of sun hours."""
     say("rays to compare with")
     field = hills(side)
     vertices, faces = field.triangles()
@@ -154,7 +154,7 @@ def error_rows(side: int, points: int, rays: int, say: Say) -> list[Row]:
                 }
             )
     suns = suns_of_a_year()
-    # From the points at which rays begin, or suns that graze the surface between both would tell them apart.
+    # Use the points at which rays begin; otherwise suns that graze the surface between both would differ.
     found = horizon(field, points_on(field, 20 * points, 3), height=OFFSET)
     assert found.points is not None, "given"
     expected = np.array([_sun_hours(cast, point, suns) for point in found.points])
@@ -181,7 +181,7 @@ def _sees(cast: Any, origin: Float64, directions: Float64) -> NDArray[np.bool_]:
 
 
 def _open_sky(cast: Any, point: Float64, normal: Float64, rays: int) -> float:
-    """The share of cosine-weighted rays, one in each cell of a square, that reach the sky."""
+    """Return the fraction of cosine-weighted rays, one in each cell of a square, that reach the sky."""
     rng = np.random.default_rng(5)
     i, j = np.divmod(np.arange(rays**2), rays)
     r, a = np.sqrt((i + rng.random(rays**2)) / rays), 2 * np.pi * (j + rng.random(rays**2)) / rays
@@ -200,15 +200,15 @@ def _sun_hours(cast: Any, point: Float64, suns: tuple[Float64, Float64, Float64]
 def bench_height_field(scale: float = 1.0, say: Say = lambda text: None) -> Report:
     """Measure; takes some minutes on two cores.
 
-    The report's numbers: `points_s`, seconds for sky view factors and sun hours at all points, and `points_core_s`;
-    `samples_s`, of sky view factors at all samples; `GiB_most`, the most memory of the process until then;
-    `sky_off_rms`, `sky_off_most`, `sun_hours_off_rms` and `sun_hours_off_most`, how far off rays; of hours of sun
-    one of 600 suns is 1.7e-3.
+    The report's numbers: `points_s` and `points_core_s`, wall and core seconds for sky view factors and sun hours
+    at all points; `samples_s`, seconds for sky view factors at all samples; `GiB_most`, peak memory of the process;
+    `sky_off_rms`, `sky_off_most`, `sun_hours_off_rms` and `sun_hours_off_most`, differences from ray tracing. One
+    of 600 suns is 1.7e-3 of the sun hours.
 
     Parameters
     ----------
     scale : below 1, a smaller field and fewer points
-    say   : called with a line on what is measured
+    say   : function that gets messages about the progress
     """
     share = math.sqrt(scale)
     field = hills(max(65, round(SIDE * share)))

@@ -1,18 +1,18 @@
-"""One project of image tests by pytest-mpl and by glpath: what each finds, and seconds of a run.
+"""Compare pytest-mpl and glpath on one project of image tests: changes that each finds, and seconds of a run.
 
-The project is `benchmarks/image_suite`: 22 figures of matplotlib, two for each kind of change. Each program
-writes baselines of its own, then the code changes. Both compare the same pictures, with limits as they come. A run
-loads the plugin that it needs and no other; programs take turns, and the median counts.
+The project is `benchmarks/image_suite`: 22 matplotlib figures, two for each kind of change. Each program writes its
+own baselines, then the code changes. Both compare the same pictures with their default limits. A run loads only the
+plugin that it needs. Programs take turns, and the median counts.
 
 measured:
-    figures                       : compared in a run
-    pytest_mpl_found, glpath_found : of the figures with a change to be seen
-    glpath_missed                 : found by pytest-mpl alone
-    pytest_mpl_missed             : found by glpath alone
-    pytest_mpl_false, glpath_false : figures without a change to be seen that fail
-    pytest_mpl_s, glpath_s        : seconds of processor time of a run in which all pass, the whole process
-    saved_s                       : of one in which figures are drawn and saved, and nothing is compared
-    pytest_mpl_failing_s, glpath_failing_s : of a run with the changes, with all that failures leave on the disk
+    figures                       : number of figures compared in a run
+    pytest_mpl_found, glpath_found : figures with a visible change that fail
+    glpath_missed                 : figures that only pytest-mpl finds
+    pytest_mpl_missed             : figures that only glpath finds
+    pytest_mpl_false, glpath_false : figures without a visible change that fail
+    pytest_mpl_s, glpath_s        : processor seconds of the whole process for a run in which all pass
+    saved_s                       : the same for a run that only draws and saves the figures
+    pytest_mpl_failing_s, glpath_failing_s : the same for a run with the changes, including the files of failures
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ _WRITES = {"pytest_mpl": (*_MPL, "--mpl-generate-path=mpl"), "glpath": (*_GLPATH
 
 
 def bench_image_tests(rounds: int = 7, progress: Callable[[str], None] = lambda text: None) -> Report:
-    """Run both. Raises GlpathError where a run fails that should not; without pytest-mpl it is left out."""
+    """Run both programs. Raises GlpathError if a run fails unexpectedly. Without pytest-mpl, only glpath runs."""
     programs = ["glpath", *(["pytest_mpl"] if importlib.util.find_spec("pytest_mpl") else [])]
     notes = [] if len(programs) == 2 else ["without pytest-mpl: pip install pytest-mpl"]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for file in ("by_pytest_mpl.py", "by_glpath.py", "saved_only.py"):
-            shutil.copy(_SUITE / file, folder)  # baselines stand beside the tests
+            shutil.copy(_SUITE / file, folder)  # baselines are stored beside the tests
         (folder / "pytest.ini").write_text("[pytest]\n")
         for program in programs:
             progress(f"{program}: baselines")
@@ -98,7 +98,7 @@ def bench_image_tests(rounds: int = 7, progress: Callable[[str], None] = lambda 
 
 
 def _run(folder: Path, arguments: Iterable[str], *, changed: bool = False) -> subprocess.CompletedProcess[bytes]:
-    """One run of pytest with the plugin that it names and no other, not as CI."""
+    """Run pytest with only the named plugin, in an environment without CI."""
     environment = {key: value for key, value in os.environ.items() if key not in ("CI", CHANGED)}
     environment["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
     environment["PYTHONPATH"] = os.pathsep.join([str(_CHECKOUT), *sys.path[1:]])
@@ -117,7 +117,7 @@ def _passed(done: subprocess.CompletedProcess[bytes], program: str) -> None:
 
 
 def _passing_s(folder: Path, program: str, arguments: tuple[str, ...]) -> float:
-    """Of the processor, a run without a change. Raises GlpathError where one of its tests fails."""
+    """Return the processor seconds of a run without a change. Raises GlpathError if one of its tests fails."""
     before = _processor_s()
     done = _run(folder, arguments)
     taken = _processor_s() - before
@@ -126,7 +126,7 @@ def _passing_s(folder: Path, program: str, arguments: tuple[str, ...]) -> float:
 
 
 def _failing_s(folder: Path, program: str, found: dict[str, set[str]]) -> float:
-    """Of the processor, a run with the changes; the cases that fail go to `found`."""
+    """Return the processor seconds of a run with the changes, and add the failing cases to `found`."""
     record = folder / "record.xml"
     arguments = (*_COMPARES[program], f"--junitxml={record}")
     before = _processor_s()
@@ -140,7 +140,7 @@ def _failing_s(folder: Path, program: str, found: dict[str, set[str]]) -> float:
 
 
 def _processor_s() -> float:
-    """Of all processes that have ended, which other work on the machine changes little."""
+    """Return the processor seconds of all ended child processes, which other work on the machine changes little."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 

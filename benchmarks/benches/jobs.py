@@ -1,18 +1,18 @@
-"""One render by 1, 2 and 4 worker processes of this machine, beside the same in this process.
+"""Render by 1, 2 and 4 worker processes of this machine, compared with the same render in this process.
 
-Each worker has one thread (LP_NUM_THREADS=0 for llvmpipe), so that twice the workers could be twice as fast while
-there are cores. Clusters take turns and the median counts; workers have started before, which is timed apart. A
-render begins with an engine of its own on every worker, as that of a new scene does.
+Each worker has one thread (LP_NUM_THREADS=0 for llvmpipe), so twice the workers can be twice as fast if there are
+enough cores. Clusters take turns, and the median counts. The start of workers is timed separately. Each render
+begins with a new engine on every worker, as for a new scene.
 
-What it shows: what handing out, carrying and merging cost. What it cannot: networks, other machines, more workers
-than cores.
+The bench shows the cost of distributing, transferring and merging. It does not show networks, other machines, or
+more workers than cores.
 
 measured:
-    process_s, workers_N_s     : seconds of a render: in this process with all its threads; by N workers
-    speedup_N                  : of N workers over one
-    start_s                    : to start two workers
-    merge_s, gather_s          : of the render by two workers: adding films up; bringing them here, beside all else
-    part_mb                    : of a chunk's film, as it travels
+    process_s, workers_N_s     : seconds of a render in this process with all its threads, and by N workers
+    speedup_N                  : time of one worker divided by that of N workers
+    start_s                    : seconds to start two workers
+    merge_s, gather_s          : for two workers: seconds to add up films, and to transfer them beside all else
+    part_mb                    : size of a chunk's film in transfer
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from glpath.rendering import RenderJob, run
 from glpath.system.machine import core_count
 from glpath.system.versions import versions
 
-#: Of two workers on two cores; merging is what the one process that all films come to cannot share out.
+#: Limits for two workers on two cores. One process merges all films, and this work cannot be distributed.
 RULE = (Condition("speedup_2", ">=", 1.7), Condition("merge_s", "<=", 0.5))
 _WORKERS = (1, 2, 4)
 _SETS, _SIZE = 512, 256
 
 
 def bench_jobs(scale: float = 1.0, rounds: int = 3, progress: Callable[[str], None] = lambda text: None) -> Report:
-    """Time the renders; `scale` shortens them. Raises GlpathError where distributed is missing."""
+    """Time the renders; `scale` shortens them. Raises GlpathError if distributed is missing."""
     spp = max(2 * BLOCK * BATCHES, round(_SETS * scale))
     side = max(32, round(_SIZE * scale**0.5))
     job = RenderJob.of("cornell-box-36", spp=spp, resolution=(side, side))
@@ -109,7 +109,7 @@ def bench_jobs(scale: float = 1.0, rounds: int = 3, progress: Callable[[str], No
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Workers that start meanwhile draw with one thread."""
+    """Context in which new workers render with one thread."""
     before = os.environ.get("LP_NUM_THREADS")
     os.environ["LP_NUM_THREADS"] = "0"
     try:

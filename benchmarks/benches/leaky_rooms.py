@@ -5,12 +5,12 @@ of 16 x 16 pixels or texels, in a point, or in a probe. A difference is relative
 darker than 2 % of the mean counts as that bright. Errors are one standard deviation of the noise of both, by the
 spread between the batches of a film. Mitsuba's mean is a second witness of the reference.
 
-Each row is of one room and one product: of a picture by `auto` or `gather`, the solution's irradiance at points on
-surfaces, a lightmap, or probes; of the part `lookups`, of a gather by one of several ways to look light up.
+Each row is for one room and one product: a picture by `auto` or `gather`, the solution's irradiance at points on
+surfaces, a lightmap, or probes; in the part `lookups`, a gather with one of several methods to look up light.
 
     mean, mean_error      : relative difference of the means
-    worst, worst_error    : of the block that is the farthest off
-    worst_beyond          : by how much the worst block differs by more than three standard errors
+    worst, worst_error    : difference of the block that is farthest off
+    worst_beyond          : excess of the worst block's difference over three standard errors
     rms                   : root mean square over blocks, noise included
     reference_mean        : radiance, or irradiance over pi
     reference_error       : standard error of that mean, relative
@@ -59,20 +59,20 @@ BLOCK = 16
 FLOOR = 0.02
 #: Path sets of the pictures that are measured.
 SETS = 64
-#: Path sets of a reference: at first, and at most; doubled until it is as good as `ENOUGH`.
+#: Path sets of a reference at first and at most; they are doubled until its errors meet `ENOUGH`.
 FIRST_SETS, MAX_SETS = 512, 8192
-#: Standard errors of a reference: of its mean, and of its noisiest block.
+#: Maximum standard errors of a reference: of its mean, and of its noisiest block.
 ENOUGH = (0.0015, 0.01)
 #: Samples per pixel of each of Mitsuba's pictures, how many pictures, and the length of their paths.
 MITSUBA_SPP, MITSUBA_SEEDS, DEPTH = 256, 4, 64
 #: Points on surfaces; path sets of the references of points, texels and probes.
 POINTS, POINT_SETS = 300, 1024
-#: Texels along the side of a lightmap: the charts of the books fit on no smaller page.
+#: Texels along the side of a lightmap. The charts of the books do not fit on a smaller page.
 TEXELS = 256
 GRID = (4, 2, 4)
-#: Path sets instead where a block has more noise than this.
+#: Larger number of path sets, used if a block has more noise than the second value.
 MANY_SETS, NOISY = 1024, 0.02
-#: Standard errors of noise that are no bias: of a mean, and of the worst of many blocks.
+#: Numbers of standard errors that count as noise: for a mean, and for the worst of many blocks.
 SIGMAS, BLOCK_SIGMAS = 2.0, 3.0
 
 CLAIM = "defaults are within 1 % in the mean, and within 5 % in every block, in rooms that leak"
@@ -111,7 +111,7 @@ class Estimate:
 
     @property
     def scale(self) -> Float64:
-        """(K,) radiance that differences of groups are relative to: not below a share of the mean."""
+        """Radiance (K,) to which differences of groups are relative, at least a fraction of the mean."""
         return np.maximum(self.groups, FLOOR * self.mean)
 
 
@@ -136,7 +136,7 @@ def compared(found: Estimate, reference: Estimate) -> Row:
 
 
 def blocks(width: int, height: int) -> Ints:
-    """Return (height * width,) the numbers of the blocks of a picture's pixels, in rows."""
+    """Return (height * width,) block numbers of a picture's pixels, in rows."""
     row, column = np.divmod(np.arange(width * height), width)
     return np.asarray(row // BLOCK * -(-width // BLOCK) + column // BLOCK)
 
@@ -213,7 +213,7 @@ def picture_rows(scene: Scene, scale: float, say: Say) -> list[Row]:
 
 #: Rooms of the part `lookups`.
 LOOKUP_ROOMS = ("lamp-1cm", "cove", "thin-walls")
-#: Ways to look up light without a leak: options of the solver, and of the gather.
+#: Methods to look up light without a leak: options of the solver, and of the gather.
 LOOKUPS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "coarse elements": ({"patches": 500, "adaptive": 0}, {}),
     "8,000 equal elements": ({"patches": 8000, "adaptive": 0}, {}),
@@ -224,7 +224,7 @@ LOOKUPS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 
 
 def lookup_rows(scene: Scene, scale: float, say: Say) -> list[Row]:
-    """Return a row for each way to look up the light of a solution."""
+    """Return a row for each method to look up the light of a solution."""
     seen = scene.with_camera(resolution=RESOLUTION)
     group = blocks(*RESOLUTION)
     reference = Estimate.of(reference_film(seen, max(SETS, round(MAX_SETS * scale)), say), group)
@@ -236,7 +236,7 @@ def lookup_rows(scene: Scene, scale: float, say: Say) -> list[Row]:
         )
         seconds = time.perf_counter() - started
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SceneWarning)  # of the bias, which is what is measured
+            warnings.simplefilter("ignore", SceneWarning)  # the warning is about the bias, which is measured here
             film = glpath.render(seen, integrator="gather", radiosity=solution, spp=4 * SETS, seed=1, **of_gather)
         row: Row = {"room": scene.name, "product": name, "seconds": seconds, "elements": solution.element_count}
         rows.append(row | compared(Estimate.of(film, group), reference) | {"noise": film.relative_error()})
@@ -271,8 +271,8 @@ def solution_row(scene: Scene, scale: float) -> Row:
     every = Estimate.of(measured.film, np.arange(measured.count))
     lit = every.groups > 0
     found = solution.irradiance(triangle, b, back).mean(axis=1)[lit] / np.pi
-    # Area-weighted means are plain means of points that are spread evenly by area. An element's mean differs from
-    # the light at one of its points, so the mean difference is known no better than from so many points.
+    # Points are spread evenly by area, so their plain mean is the area-weighted mean. An element's mean differs
+    # from the light at one of its points, so the number of points limits the precision of the mean difference.
     errors = every.errors[lit]
     mean_error = float(np.sqrt(np.mean(errors**2) / lit.sum()))
     reference = Estimate(every.groups[lit], errors, float(every.groups[lit].mean()), mean_error)
@@ -317,7 +317,7 @@ def probes_row(scene: Scene, scale: float) -> Row:
 
 
 def worst_of(rows: Iterable[Row]) -> dict[str, float]:
-    """Return for each product the largest differences of all rooms, less what noise explains."""
+    """Return the largest differences of all rooms for each product, minus the part that noise explains."""
     measured: dict[str, float] = {}
     for row in rows:
         product = row["product"]
@@ -358,16 +358,16 @@ def bench_leaky_rooms(
     say: Say = lambda text: None,
     rooms: Sequence[str] = tuple(ROOMS),
 ) -> Report:
-    """Measure.
+    """Measure the bias of the defaults in leaky rooms.
 
     Parameters
     ----------
-    parts : of `PARTS`
+    parts : names from `PARTS`
     scale : below 1, fewer path sets of the references, and fewer points
-    say   : called with a line on what is measured
+    say   : function that gets messages about the progress
     rooms : names of `ROOMS`
 
-    Raises UsageError for another part.
+    Raises UsageError for an unknown part.
     """
     check_parts(parts)
     rows = [row for name in rooms for row in rows_of(load_scene(room(name)), parts, scale, say)]

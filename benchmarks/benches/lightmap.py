@@ -1,25 +1,25 @@
-"""Lightmaps measured: the shipped `room` beside Cycles' bake of the same triangles, lamps and texels.
+"""Lightmaps of the shipped `room`, compared with Cycles' bake of the same triangles, lamps and texels.
 
-Both get the same atlas, whose making is not timed: ours from the triangles and their coordinates to the page, seams
-and gutters and a radiosity solution included; Cycles its call of bake (type DIFFUSE, direct and indirect without
-colour, which is irradiance over pi), after a first one. It has what `cycles_peer` gives it for pictures, with those
-of its settings (`CANDIDATES`) whose error times time is the least.
+Both programs get the same atlas, whose making is not timed. Our time is from the triangles to the finished page,
+including seams, gutters and a radiosity solution. Cycles' time is its call of bake (type DIFFUSE, direct and
+indirect without colour, which is irradiance over pi), after a first call. It gets the scene of `cycles_peer`, with
+the settings from `CANDIDATES` whose product of error and time is the smallest.
 
-Texels are compared in the interior of charts, as programs differ in what they do of a texel that is cut. Errors are
-root mean squares of luminance, relative to the light there (smoothed, plus a tenth of its mean), in two parts:
-noise, from two runs with other seeds, and what is systematic, from the covariance of two runs' differences to two
-runs of our path tracer, which has no bias. The noise of the four is independent, so that no reference has to be
-free of it. Of Cycles the noise alone counts: its texels may be filtered otherwise. Times to an error are a + b n
-seconds, for the n samples of which noise^2 = c / n is as wanted; a, b and c are from runs of two lengths. The rows
-have them for each of `LEVELS`: the less is asked, the more counts what a program does before its first sample.
-`measured`, for each SIZE of the page, at `LEVEL`:
+Texels are compared in the interior of charts, because programs treat cut texels differently. Errors are root mean
+squares of luminance, relative to the local light (smoothed, plus a tenth of its mean). They have two parts: noise,
+from two runs with different seeds, and a systematic error, from the covariance of two runs' differences to two runs
+of our unbiased path tracer. The noise of the four runs is independent, so no reference needs to be free of noise.
+For Cycles, only noise counts, because its texels may be filtered differently. The time to an error is a + b n
+seconds, where n is the number of samples at which noise^2 = c / n meets the error; a, b and c are from runs of two
+lengths. The rows have it for each of `LEVELS`: the larger the error, the more a program's time before its first
+sample counts. `measured`, for each SIZE of the page, at `LEVEL`:
 
-    cycles_off_SIZE   : relative difference of the means, of Cycles to our path tracer
-    gather_off_SIZE   : the same of the gather
-    cycles_s_SIZE, path_s_SIZE, gather_s_SIZE : times to it; NaN where what is systematic alone is more
-    vs_cycles_SIZE    : Cycles' time over the least of ours
-    atlas_s_SIZE      : xatlas's time, of both
-    MiB_SIZE, cycles_MiB_SIZE : the most memory of the processes until then
+    cycles_off_SIZE   : relative difference of the mean of Cycles from that of our path tracer
+    gather_off_SIZE   : the same for the gather
+    cycles_s_SIZE, path_s_SIZE, gather_s_SIZE : times to the error; NaN if the systematic error alone is larger
+    vs_cycles_SIZE    : Cycles' time divided by the smaller of ours
+    atlas_s_SIZE      : xatlas's time for the common atlas
+    MiB_SIZE, cycles_MiB_SIZE : peak memory of the processes so far
 
 Source: Blender 5.0, https://www.cycles-renderer.org
 """
@@ -59,33 +59,34 @@ Draw = Callable[[int, int], tuple[float, Float64]]
 Bools = NDArray[np.bool_]
 
 SCENE = "room"
-#: In its place on pages that are too small for its 1800 charts.
+#: Scene on pages that are too small for the room's 1800 charts, and the page side below which it is used.
 SMALL, _SMALL_BELOW = "cornell-box-36", 256
 Counts = tuple[int, int]
-#: Sides of pages, and of each program samples of a texel in the short and in the two long runs.
+#: Sides of pages, and for each program the samples per texel of the short and of the two long runs.
 SIZES: dict[int, dict[str, Counts]] = {
     512: {"path": (4, 16), "gather": (8, 32), "cycles": (32, 256)},
     1024: {"path": (1, 4), "gather": (4, 16), "cycles": (8, 48)},
 }
-#: Errors that times are to. At the second a page is still visibly noisy: `LEVEL` is where it begins to be of use.
+#: Errors to which times are measured. At the second, a page is still visibly noisy; at `LEVEL` it begins to be
+#: usable.
 LEVELS = (0.4, 0.2, 0.1, 0.05)
 LEVEL = 0.1
-#: Longer paths than so carry less than a thousandth of the light of the room.
+#: Maximum depth. Longer paths carry less than a thousandth of the room's light.
 DEPTH = 16
 CLAIM = f"lightmaps of the room take a fifth of the time of Cycles' bake, to an error of {LEVEL:.0%}"
 AGREEMENT = tuple(Condition(f"{name}_off_{size}", "<=", 0.02) for name in ("cycles", "gather") for size in SIZES)
 RULE = (*AGREEMENT, *(Condition(f"vs_cycles_{size}", ">=", 5.0) for size in SIZES))
-#: Texels from the edge of a chart, from which on they are compared.
+#: Minimum distance of compared texels from the edge of a chart, in texels.
 _INTERIOR = 2
 _SMOOTH = 3.0
 
 
 @dataclass
 class Bakes:
-    """Of a program: a run of few samples, and two of more.
+    """Runs of a program: one with few samples, and two with more.
 
-    counts : samples of a texel, of the first and of the others
-    draw   : seconds, and irradiance (h, w, 3), of so many samples with a seed
+    counts : samples per texel of the first run and of the others
+    draw   : function of a number of samples and a seed; returns seconds and irradiance (h, w, 3)
     """
 
     counts: Counts
@@ -99,16 +100,16 @@ class Bakes:
         self.pages.append(luminance(page))
 
     def noise2(self, weight: Float64) -> float:
-        """Of the long runs, relative."""
+        """Return the relative mean square of the noise of the long runs."""
         return float(np.sum(weight * (self.pages[1] - self.pages[2]) ** 2) / 2)
 
     def systematic2(self, truth: Bakes, weight: Float64) -> float:
-        """The relative mean square of what is not noise; at least 0."""
+        """Return the relative mean square of the systematic error; at least 0."""
         one, other = (self.pages[i] - truth.pages[i] for i in (1, 2))
         return max(float(np.sum(weight * one * other)), 0.0)
 
     def seconds_to(self, error: float, noise2: float, systematic2: float) -> float:
-        """To an error, by the mean squares of the long runs; NaN where what is systematic alone is more."""
+        """Return the seconds to an error, from the long runs' mean squares; NaN if `systematic2` is larger."""
         wanted2 = error**2 - systematic2
         if wanted2 <= 0:
             return float("nan")
@@ -119,17 +120,17 @@ class Bakes:
 
 
 def interior(surfaces: Surfaces) -> Bools:
-    """(h, w), of one page: texels that are rendered, far from edges of their chart and from what is inside."""
+    """Return (h, w) bool for one page: rendered texels far from edges of their chart and from other geometry."""
     width, height = surfaces.atlas.size
     chart = np.full((height, width), -1, np.int64)
     texels = surfaces.texels
     chart[texels.row, texels.column] = np.where(surfaces.inside, -1, surfaces.atlas.chart[texels.face[0]])
-    # Charts are some texels apart, so that none is another's neighbour.
+    # Charts are several texels apart, so no texel has a neighbour on another chart.
     return np.asarray(binary_erosion(chart >= 0, np.ones((3, 3)), iterations=_INTERIOR))
 
 
 def weights(page: Float64, where: Bools) -> Float64:
-    """(h, w), of squared differences, so that their sum is a relative mean square; page: of luminance."""
+    """Return (h, w) weights that turn squared differences into terms of a relative mean square. page: luminance."""
     inside = where.astype(float)
     smooth = gaussian_filter(page * inside, _SMOOTH) / np.maximum(gaussian_filter(inside, _SMOOTH), 1e-9)
     return np.asarray(inside / (smooth + 0.1 * page[where].mean()) ** 2 / where.sum())
@@ -138,9 +139,9 @@ def weights(page: Float64, where: Bools) -> Float64:
 def bench_lightmap(scale: float = 1.0, say: Say = lambda text: None) -> Report:
     """Measure; takes about five minutes on two cores.
 
-    scale : below 1, smaller pages, whose numbers keep the names of the whole ones; below a half, of a box, as the
-            room does not fit them
-    say   : called with a line on what goes on
+    scale : below 1, smaller pages under the names of the full-size ones; below a half, pages of a box, because the
+            room does not fit
+    say   : function that gets messages about the progress
     """
     context = get_context()
     chosen = SMALL if min(SIZES) * scale < _SMALL_BELOW else SCENE
@@ -164,7 +165,7 @@ def bench_lightmap(scale: float = 1.0, say: Say = lambda text: None) -> Report:
             integrator: Bakes(counts[integrator], _ours(context, surfaces, sides, integrator))
             for integrator in ("path", "gather")
         }
-        programs["gather"].draw(1, 0)  # compiles, as the first of the paths' runs does, which is the short one
+        programs["gather"].draw(1, 0)  # compiles; the path tracer compiles in its short run, which comes first
         with ExitStack() as stack:
             peer = None
             try:
@@ -204,9 +205,9 @@ def bench_lightmap(scale: float = 1.0, say: Say = lambda text: None) -> Report:
 
 
 def compared(programs: dict[str, Bakes], where: Bools) -> tuple[dict[str, float], list[dict[str, Any]]]:
-    """Numbers, less the page's size in their names, and rows, of programs that have run; "cycles" may be absent.
+    """Return numbers, without the page's size in their names, and rows of the programs that have run.
 
-    where : (h, w) texels that count
+    where : (h, w) texels to compare
     """
     truth = programs["path"]
     mean = np.mean([page for program in programs.values() for page in program.pages[1:]], axis=0)

@@ -1,10 +1,10 @@
-"""Time to an error under two hundred luminaires, beside Mitsuba 3.
+"""Time to an error under two hundred luminaires, compared with Mitsuba 3.
 
-An office whose ten lamps are replaced by 200 points with a photometric profile, close below its ceiling. In Mitsuba
-each is a projector whose image is the profile. It chooses among all of them alike, as is its way; here a tree
-chooses. Each program's noise is taken beside its own mean (`own_noise`).
+The scene is an office whose ten lamps are replaced by 200 points with a photometric profile, close below the
+ceiling. In Mitsuba each is a projector whose image is the profile. Mitsuba chooses among all of them with equal
+probability; glpath uses a tree. Each program's noise is relative to its own mean (`own_noise`).
 
-measured: as of `materials`
+measured: see `materials`
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ RULE = (*AGREEMENT, Condition("vs_mitsuba", ">=", 5.0))
 
 
 def lit_office(side: int = 128) -> Scene:
-    """The office, `side` pixels wide, under 20 x 10 luminaires: most light at 65 degrees, none from 70 on."""
+    """Return the office, `side` pixels wide, under 20 x 10 luminaires that are brightest at 65 degrees."""
     gamma = np.linspace(0.0, 90.0, 19)
     profile = LightProfile(np.where(gamma < 70, 100.0 + 4.0 * gamma, 0.0)[None], (0.0, 90.0))
     down, intensity = np.array([0.0, -1.0, 0.0]), np.full(3, 1.0 / EFFICACY)
@@ -42,11 +42,11 @@ def lit_office(side: int = 128) -> Scene:
 def bench_luminaires(
     seeds: int = 3, scale: float = 1.0, progress: Callable[[str], None] = lambda text: None
 ) -> Report:
-    """Measure.
+    """Measure the time to an error.
 
     seeds : pictures of each program, two at least
-    scale : below 1, fewer samples of all
-    Raises GlpathError without Mitsuba.
+    scale : below 1, fewer samples for all programs
+    Raises GlpathError if Mitsuba is missing.
     """
     scene = lit_office()
     peer = mitsuba_peer.to_mitsuba(scene, DEPTH)

@@ -1,16 +1,16 @@
-"""Time to an error in a room with textures, glass and metal, beside Mitsuba 3 with the materials that it has.
+"""Time to an error in a room with textures, glass and metal, compared with Mitsuba 3 and its nearest materials.
 
-Mitsuba's formulas of metal, plastic and thin glass are not glTF's, so that the pictures differ by a little. Each
-program's noise is therefore taken beside its own mean (`own_noise`).
+Mitsuba's formulas of metal, plastic and thin glass differ from glTF's, so the pictures differ slightly. Each
+program's noise is therefore relative to its own mean (`own_noise`).
 
-measured, of `gather`, `path` and `mitsuba`:
+measured, for `gather`, `path` and `mitsuba`:
     NAME_ms_per_sample : milliseconds of a path set, or of a sample of all pixels
     NAME_relmse        : noise of a picture of NAME_samples
-    gather_bias_relmse : the gather's mean beside the paths'
-    solver_s           : of the radiosity solution, which counts for the gather and for the paths
+    gather_bias_relmse : relMSE of the gather's mean against the paths'
+    solver_s           : seconds of the radiosity solution, which count for the gather and for the paths
     NAME_s             : seconds to the target
-    vs_mitsuba, path_vs_mitsuba : Mitsuba's seconds over the gather's and over the paths'
-    mitsuba_mean_off   : of Mitsuba's picture, beside the paths'
+    vs_mitsuba, path_vs_mitsuba : Mitsuba's seconds divided by the gather's, and by the paths'
+    mitsuba_mean_off   : relative difference of Mitsuba's mean from the paths'
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ RULE = (*AGREEMENT, Condition("vs_mitsuba", ">=", 5.0), Condition("path_vs_mitsu
 def bench_materials(
     seeds: int = 3, scale: float = 1.0, progress: Callable[[str], None] = lambda text: None
 ) -> Report:
-    """Measure.
+    """Measure the time to an error.
 
-    seeds : pictures of each program beyond the first, which is two at least
-    scale : below 1, fewer samples of all
-    Raises GlpathError without Mitsuba.
+    seeds : pictures of each program besides the first, at least two
+    scale : below 1, fewer samples for all programs
+    Raises GlpathError if Mitsuba is missing.
     """
     notes: list[str] = []
     scene = path_traceable(load_scene(SCENE).with_camera(resolution=RESOLUTION))

@@ -1,16 +1,17 @@
-"""Irradiance at points measured: under a lamp by its closed form, and in the office beside Radiance's `rtrace`.
+"""Irradiance at points: compared with a closed form under a lamp, and with Radiance's `rtrace` in an office.
 
-Points of the office are a grid above its desks. What is true there is a long run of own paths, whose own standard
-error is told. `rtrace` runs with its cache of ambient light and without, by ever more rays; ours, path tracing and
-the gather with its solver counted, by ever more paths, in the same run and on the same cores. Error is the root of
-the mean square of the illuminances' differences over their mean. For each of Radiance's runs, our time to the same
-error is read off the line through log(error) over log(time). Compilation is not counted. `measured`:
+Points of the office form a grid above its desks. The reference is a long run of our own paths, whose standard error
+is reported. `rtrace` runs with and without its ambient cache, with increasing numbers of rays. Path tracing and the
+gather, including its solver, run with increasing numbers of paths, on the same cores in the same run. The error is
+the root mean square of the illuminances' differences divided by their mean. For each of Radiance's runs, our time
+to the same error is interpolated on the line through log(error) over log(time). Compilation is not counted.
+`measured`:
 
     lamp_off            : largest relative error under a lamp, against the closed form
-    reference_error     : the truth's own standard error, relative as the others
-    radiance_off        : relative difference of the means, of Radiance's most accurate run to the truth
+    reference_error     : relative standard error of the reference
+    radiance_off        : relative difference of the mean of Radiance's most accurate run from the reference
     radiance_error      : the error of that run
-    vs_radiance         : its time over ours at equal error, at the run that is best for it
+    vs_radiance         : Radiance's time divided by ours at equal error, for the run that is best for Radiance
 
 Source: Larson & Shakespeare 1998, Rendering with Radiance; Lambert's polygon formula for the lamp.
 """
@@ -42,11 +43,11 @@ CLAIM = "irradiance within 1 % of a closed form and 2 % of Radiance's rtrace, an
 AGREEMENT = (Condition("lamp_off", "<=", 0.01), Condition("radiance_off", "<=", 0.02))
 RULE = (*AGREEMENT, Condition("vs_radiance", ">=", 1.0))
 
-#: Of `rtrace`: lamps in parts, jittered, whose shadows are all asked for.
+#: Options of `rtrace` for direct light: lamps in parts, jittered, all tested for shadows.
 _DIRECT = "-ds .05 -dj .9 -dt 0 -dc 1"
-#: Each point by rays of its own, which end by chance once they carry less than one of so many: no bias.
+#: Options without interpolation: each point has its own rays, which end by chance below a weight, without bias.
 _ALONE = "-ab 12 -aa 0 -ad {0} -as 0 -lr -12 -lw {1}"
-#: From values kept all over the scene, which are interpolated.
+#: Options with values that are cached all over the scene and interpolated.
 _CACHED = "-ab 5 -aa .2 -ar 64 -ad {0} -as {2} -lr 8 -lw .002"
 _RUNS = (
     ("rtrace", _ALONE, 64),
@@ -56,15 +57,15 @@ _RUNS = (
 )
 _PATHS = (64, 256, 1024)
 _TRUTH = 8192
-#: Points along the office, and above its floor.
+#: Number of points along the office, and their height above its floor.
 _COLUMNS, _HEIGHT = 16, 0.85
 
-#: A lamp that shines down on points below it.
+#: Corners of a lamp that emits down to the points below it.
 _LAMP = np.array([[-0.6, 2, -0.4], [0.6, 2, -0.4], [0.6, 2, 0.4], [-0.6, 2, 0.4]])
 
 
 def lamp_off(paths: int = 1024) -> float:
-    """The largest relative error of the irradiance under a lamp."""
+    """Return the largest relative error of the irradiance under a lamp."""
     scene = load_scene(
         {
             "camera": {"position": [0, 1, 4], "target": [0, 1, 0]},
@@ -82,7 +83,7 @@ def lamp_off(paths: int = 1024) -> float:
 
 
 def _form_factor(points: Float64) -> Float64:
-    """Of the lamp, times pi, seen from points that face up: by the angles that its edges subtend."""
+    """Return pi times the lamp's view factor from points that face up, by the angles that its edges subtend."""
     to = _LAMP - points[:, None]
     to /= np.linalg.norm(to, axis=-1, keepdims=True)
     following = np.roll(to, -1, axis=1)
@@ -92,9 +93,9 @@ def _form_factor(points: Float64) -> Float64:
 
 
 def office_grid(columns: int) -> tuple[Scene, Float64, Float64]:
-    """The office, and points above its desks with their normals, (N, 3) each.
+    """Return the office, and points above its desks with their normals, (N, 3) each.
 
-    Its lamps reflect nothing, as those of Radiance.
+    Its lamps reflect nothing, as in Radiance.
     """
     scene, _ = comparable(load_scene("office"))
     dark = replace(scene.materials[0], name="lamp that reflects nothing", reflectance=np.zeros(3))
@@ -112,18 +113,18 @@ def office_grid(columns: int) -> tuple[Scene, Float64, Float64]:
 
 
 def _error(found: Float64, truth: Float64) -> float:
-    """Relative, of luminance; the truth's own is in it, too."""
+    """Return the relative error of the luminance, which includes the error of the reference."""
     off = luminance(found) - luminance(truth)
     return float(np.sqrt(np.mean(off**2)) / luminance(truth).mean())
 
 
 def _seconds_at(rows: list[Row], error: float) -> float:
-    """Our least time to an error, by straight lines through the logarithms of runs that follow each other."""
+    """Return our shortest time to an error, on straight lines through the logarithms of successive runs."""
     found = []
     for program in dict.fromkeys(row["program"] for row in rows):
         runs = sorted((row for row in rows if row["program"] == program), key=lambda row: row["seconds"])
         x, y = (np.log([row[name] for row in runs]) for name in ("error", "seconds"))
-        # Errors fall; what lies beyond the runs goes on as Monte Carlo does, by the root.
+        # Beyond the runs, the error is extrapolated as in Monte Carlo, with the inverse square root of the time.
         if np.log(error) >= x[0]:
             found.append(float(runs[0]["seconds"]))
         elif np.log(error) <= x[-1]:
@@ -137,7 +138,7 @@ def bench_measure(scale: float = 1.0, say: Say = lambda text: None) -> Report:
     """Measure; takes some minutes on two cores.
 
     scale : below 1, fewer points, rays and paths
-    say   : called with a line on what goes on
+    say   : function that gets messages about the progress
     """
     context = get_context()
     notes: list[str] = [] if scale >= 1 else [f"at scale {scale:g}"]

@@ -1,12 +1,11 @@
-"""Mitsuba's own files, read and rendered by glpath and by Mitsuba: which load, and how closely the pictures agree.
+"""Read and render Mitsuba's own files by glpath and by Mitsuba: which files load, and how closely pictures agree.
 
-The files are those of public repositories (mitsuba-data, mitsuba-tutorials, sionna-rt), of which none ships here.
-Pictures have 64 pixels on the longer side and are rendered eight times with other seeds, whose spread is the noise.
-Two figures are taken of each pair: the ratio of the means of that channel which differs most, and the largest
-relative difference of a block of 16 x 16 pixels, after two standard errors are taken off. A block darker than a
-tenth of the picture is compared with that tenth. Files that are left undecided are rendered again with more
-samples. `VERDICTS` are the outcomes. Each file has random numbers of its own, so that noise of files is not
-correlated.
+The files are from public repositories (mitsuba-data, mitsuba-tutorials, sionna-rt) and are not shipped. Pictures
+have 64 pixels on the longer side and are rendered eight times with different seeds, whose spread is the noise. Two
+numbers are computed for each pair: the ratio of the means of the channel that differs most, and the largest
+relative difference of a block of 16 x 16 pixels, minus two standard errors. A block darker than a tenth of the
+picture is compared with that tenth. Undecided files are rendered again with more samples. `VERDICTS` are the
+outcomes. Each file has its own random numbers, so that the noise of different files is not correlated.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ RULE = (Condition("loaded", ">=", 100), Condition("same", ">=", 85), Condition("
 MAX_MEAN_DIFFERENCE = 0.01
 MAX_BLOCK_DIFFERENCE = 0.05
 _BLOCK = 16
-#: What each verdict means.
+#: Meaning of each verdict.
 VERDICTS = {
     "same": f"no warning; the mean is within {100 * MAX_MEAN_DIFFERENCE:g} %, and each block of {_BLOCK} x "
     f"{_BLOCK} pixels within {100 * MAX_BLOCK_DIFFERENCE:g} %, beyond noise below these limits",
@@ -52,7 +51,7 @@ VERDICTS = {
 #: Values of parameters for which a file has no <default>.
 PARAMETERS = {"spp": "16", "res": "64", "integrator": "path", "max_depth": "16"}
 
-#: Per pixel: more only for files that fewer leave undecided.
+#: Samples per pixel; larger numbers are used only for files that smaller ones leave undecided.
 SAMPLES = (128, 512, 2048)
 
 _SIDE = 64
@@ -64,13 +63,13 @@ _MITSUBA_SECONDS = 120.0
 
 
 def files_of(folder: Path) -> list[Path]:
-    """All .xml files below a folder, but those in hidden folders."""
+    """Return all .xml files below a folder, except those in hidden folders."""
     found = sorted(folder.rglob("*.xml"))
     return [path for path in found if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
 
 
 def load(folder: Path, path: Path) -> dict[str, Any]:
-    """The row of one file before it is rendered: whether it loads, its warnings and plugins."""
+    """Return the row of a file before it is rendered: whether it loads, its warnings and its plugins."""
     row: dict[str, Any] = {"file": path.relative_to(folder).as_posix(), "loads": False, "warnings": []}
     try:
         parameters = _parameters(path)
@@ -86,9 +85,9 @@ def load(folder: Path, path: Path) -> dict[str, Any]:
 
 
 def compare(folder: Path, row: dict[str, Any], samples: int) -> dict[str, Any]:
-    """The row with the figures of both pictures, and the verdict; with an error if there are none.
+    """Return the row with the numbers of both pictures and the verdict, or with an error.
 
-    samples : per pixel
+    samples : samples per pixel
     """
     path = folder / row["file"]
     try:
@@ -102,7 +101,7 @@ def compare(folder: Path, row: dict[str, Any], samples: int) -> dict[str, Any]:
 
 
 def is_waiting(row: Mapping[str, Any], samples: int) -> bool:
-    """True if so many samples may change a row: it has no figures yet, or fewer samples left it undecided."""
+    """Return True if `samples` may change a row: it has no numbers yet, or fewer samples left it undecided."""
     if not row["loads"] or "error" in row:
         return False
     undecided = row["verdict"] in ("unclear", "differs") and row.get("samples", 0) < samples
@@ -110,12 +109,12 @@ def is_waiting(row: Mapping[str, Any], samples: int) -> bool:
 
 
 def _shortened(text: str, folder: Path) -> str:
-    """One line, with paths from the folder on."""
+    """Return the text in one line, with paths relative to the folder."""
     return " ".join(text.replace(f"{folder}/", "").split())
 
 
 def verdict(row: Mapping[str, Any]) -> str:
-    """Return the one of `VERDICTS` that a row has."""
+    """Return the verdict of a row, one of `VERDICTS`."""
     if not row["loads"]:
         return "refused"
     if row["warnings"]:
@@ -130,7 +129,7 @@ def verdict(row: Mapping[str, Any]) -> str:
 
 
 def report(rows: Sequence[dict[str, Any]]) -> Report:
-    """The result of all files."""
+    """Return the report of all files."""
     counts = {name: float(sum(row["verdict"] == name for row in rows)) for name in VERDICTS}
     measured = {"files": float(len(rows)), "loaded": float(sum(row["loads"] for row in rows)), **counts}
     claim, holds = judge("Mitsuba's files load, and look as in Mitsuba or name the difference", RULE, measured)
@@ -145,12 +144,12 @@ def report(rows: Sequence[dict[str, Any]]) -> Report:
     )
 
 
-#: Tags of plugins that change a picture.
+#: Tags of plugins that affect a picture.
 _LISTED = ("bsdf", "texture", "shape", "emitter", "sensor", "medium")
 
 
 def plugins_of(path: Path, parameters: Mapping[str, str]) -> list[str]:
-    """Plugins that a file uses, such as "bsdf diffuse", sorted. Raises SceneError."""
+    """Return the sorted plugins that a file uses, such as "bsdf diffuse". Raises SceneError."""
     document = read_document(path, parameters)
     used: set[str] = set()
     examined: set[int] = set()
@@ -167,7 +166,7 @@ def plugins_of(path: Path, parameters: Mapping[str, str]) -> list[str]:
 
 
 def _parameters(path: Path) -> dict[str, str]:
-    """Values for the parameters that a file does not have a default of. Raises GlpathError."""
+    """Return values for the parameters without a default in a file. Raises GlpathError."""
     missing = [name for name, (default, _) in scene_parameters(str(path)).items() if default is None]
     return {name: PARAMETERS[name] for name in missing if name in PARAMETERS}
 
@@ -178,7 +177,7 @@ def first_seed(file: str, samples: int) -> int:
 
 
 def _compared(scene: Scene, path: Path, parameters: dict[str, str], samples: int, seed: int) -> dict[str, Any]:
-    """Figures of a row. Raises GlpathError, and SubprocessError from Mitsuba."""
+    """Return the numbers of a row. Raises GlpathError, and SubprocessError from Mitsuba."""
     width, height = scene.camera.resolution
     shrink = min(1.0, _SIDE / max(width, height))
     seen = scene.with_camera(resolution=(max(1, round(width * shrink)), max(1, round(height * shrink))))
@@ -188,11 +187,11 @@ def _compared(scene: Scene, path: Path, parameters: dict[str, str], samples: int
 
 
 def difference(ours: Float64, theirs: Float64) -> dict[str, float]:
-    """How far two sets of pictures (batches, H, W, 3) differ.
+    """Return how far two sets of pictures (batches, H, W, 3) differ.
 
-    mean_ratio      : ours over theirs, of the channel that differs most
-    mean_difference : of that channel, relative, beyond `_SIGMAS` standard errors, which are mean_noise
-    worst_block     : the largest of all blocks, likewise; noise is that of the block with the most
+    mean_ratio      : our mean divided by Mitsuba's, of the channel that differs most
+    mean_difference : relative difference of that channel beyond mean_noise, which is `_SIGMAS` standard errors
+    worst_block     : the largest such difference of all blocks; its noise is that of the noisiest block
     """
     channels = [pictures.mean(axis=(1, 2)) for pictures in (ours, theirs)]
     means, errors = zip(*(_mean_and_error(each) for each in channels), strict=True)
@@ -221,12 +220,12 @@ def _rounded(value: float) -> float:
 
 
 def _mean_and_error(batches: Float64) -> tuple[Float64, Float64]:
-    """Mean over the first axis, and its standard error."""
+    """Return the mean over the first axis, and its standard error."""
     return batches.mean(axis=0), batches.std(axis=0, ddof=1) / np.sqrt(len(batches))
 
 
 def _blocks(pictures: Float64) -> Float64:
-    """(batches, blocks) means of blocks of pixels; those at the right and bottom edge may be smaller."""
+    """Return (batches, blocks) means of blocks of pixels; blocks at the right and bottom edge may be smaller."""
     rows = np.arange(0, pictures.shape[1], _BLOCK)
     columns = np.arange(0, pictures.shape[2], _BLOCK)
     sums = np.add.reduceat(np.add.reduceat(pictures, rows, axis=1), columns, axis=2)
@@ -236,9 +235,10 @@ def _blocks(pictures: Float64) -> Float64:
 
 
 def _ours(scene: Scene, samples: int, seed: int) -> Float64:
-    """(batches, H, W, 3) of films with seeds of their own. Raises GlpathError.
+    """Return (batches, H, W, 3) pictures of films with different seeds. Raises GlpathError.
 
-    The spread of one film's batches is up to four times too small here, as its path sets share samples of a map.
+    The spread of one film's batches would be up to four times too small, because its path sets share samples of a
+    map.
     """
     films = [
         render(scene, integrator="path", spp=samples // _BATCHES, max_depth=_DEPTH, seed=seed + i)
@@ -250,7 +250,7 @@ def _ours(scene: Scene, samples: int, seed: int) -> Float64:
 def _mitsubas(
     scene: Scene, path: Path, parameters: dict[str, str], samples: int, seed: int, variant: str
 ) -> Float64:
-    """(batches, H, W, 3). Raises SubprocessError and GlpathError."""
+    """Return Mitsuba's pictures (batches, H, W, 3). Raises SubprocessError and GlpathError."""
     camera = scene.camera
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "pictures.npy"
@@ -291,9 +291,9 @@ def examine_all(
     on_rows: Callable[[list[dict[str, Any]]], None],
     progress: Callable[[str], None] = lambda text: None,
 ) -> Report:
-    """Load all files of a folder, then render them, first those without a warning; `on_rows` gets all after each.
+    """Load all files of a folder, then render them, those without warnings first. After each, call `on_rows`.
 
-    kept : rows of files that are left alone, unless they were only loaded
+    kept : rows of files that are not examined again, unless they were only loaded
 
     Raises GlpathError for a folder without files.
     """

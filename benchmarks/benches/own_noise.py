@@ -1,7 +1,7 @@
-"""Seconds to an error that is taken beside each program's own mean, for scenes whose pictures differ by a little.
+"""Seconds to an error relative to each program's own mean, for scenes whose pictures differ slightly by program.
 
-relMSE = mean of (variance of a picture / (mean^2 + 0.01)), over renders of other seeds. The gather has a bias as
-well, its distance from the unbiased paths, which counts.
+relMSE = mean of (variance of a picture / (mean^2 + 0.01)), over renders with different seeds. For the gather, the
+error includes its bias, the distance of its mean from that of unbiased paths.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from glpath.scene.model import Float64, Scene
 from glpath.system.versions import versions
 
 _LEAST = 1e-2
-# Path sets of a picture, and samples of Mitsuba's.
+# Path sets of a picture, and samples of a picture by Mitsuba.
 _SETS, _SAMPLES = 64, 256
 
 
 @dataclass
 class Program:
-    """A program: `draw(samples, seed)` gives milliseconds a sample, and the picture."""
+    """Program whose `draw(samples, seed)` returns milliseconds per sample and the picture."""
 
     samples: int
     draw: Callable[[int, int], tuple[float, Float64]]
@@ -45,7 +45,7 @@ class Program:
 
     @property
     def relmse(self) -> float:
-        """Of one picture."""
+        """RelMSE of one picture."""
         return float(np.mean(np.var(self.pictures, axis=0, ddof=1) / (self.mean**2 + _LEAST)))
 
     @property
@@ -56,7 +56,7 @@ class Program:
 def beside_mitsuba(
     context: Context, scene: Scene, solution: RadiositySolution, peer: Any, sets: int, samples: int
 ) -> dict[str, Program]:
-    """The gather and the paths of so many sets, and Mitsuba's scene `peer` with so many samples."""
+    """Return the gather and the paths with `sets` path sets, and Mitsuba's scene `peer` with `samples` samples."""
 
     def gather(sets: int, seed: int) -> tuple[float, Float64]:
         (ms,), (picture,) = trace_in_steps(gather_engine(context, scene, solution, seed), (sets,))
@@ -76,10 +76,10 @@ def beside_mitsuba(
 def to_target(
     programs: dict[str, Program], seeds: int, solver_s: float, progress: Callable[[str], None]
 ) -> dict[str, float]:
-    """What `measured` has of each program, after renders in turns.
+    """Render in turns, and return the numbers of each program for `measured`.
 
-    seeds    : pictures of each, two at least
-    solver_s : which counts for all but Mitsuba
+    seeds    : number of pictures of each program, at least two
+    solver_s : seconds of the solver, which count for all programs except Mitsuba
     """
     for seed in range(max(seeds, 2)):
         progress(f"render {seed + 1} of {max(seeds, 2)}")
@@ -114,12 +114,12 @@ def compare(
     progress: Callable[[str], None],
     notes: Sequence[str] = (),
 ) -> Report:
-    """The report of a bench: the gather, the paths and Mitsuba's scene `peer`, in turns, to the target.
+    """Return the report of a bench that compares gather, paths and Mitsuba's scene `peer` at the target error.
 
-    name  : of the bench
-    rules : conditions that the claim holds, and such without which the programs did not do the same work
+    name  : name of the bench
+    rules : conditions of the claim, and conditions that all programs did the same work
     seeds : pictures of each program, two at least
-    scale : below 1, fewer samples of all
+    scale : below 1, fewer samples for all programs
     """
     context = get_context()
     progress("radiosity")
@@ -147,7 +147,7 @@ def compare(
 
 
 def bias_of(biased: Program, unbiased: Program) -> float:
-    """relMSE of the mean of one beside that of the other, without the noise of both."""
+    """Return the relMSE of one program's mean against the other's, without the noise of both."""
     noise = sum(np.var(each.pictures, axis=0, ddof=1) / len(each.pictures) for each in (biased, unbiased))
     squares = (biased.mean - unbiased.mean) ** 2 - noise
     return max(float(np.mean(squares / (unbiased.mean**2 + _LEAST))), 0.0)

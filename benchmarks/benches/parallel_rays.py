@@ -1,18 +1,18 @@
-"""What a point and a direction cost for parallel light: by rays whose lanes are coherent, and by occlusion scans.
+"""Cost of parallel light per point and direction: by rays with coherent lanes, and by occlusion scans.
 
-A city of boxes (`benchmarks.scenes.city`) of ever more triangles, and ever more points on its ground and roofs.
-Both find which points see out along the same directions. Rays go through the wide BVH, points sorted by a Z curve;
-"unsorted" are the same with points in random order. A scan (`PathBuffer` with `occlusion`) has as many cells as
-points; it is timed from positions on the device to the depths of its cells, once for each direction. Time is the
-processor's, of all cores together: programs that run beside it do not count. `measured`:
+The scenes are cities of boxes (`benchmarks.scenes.city`) with increasing numbers of triangles, and of points on
+their ground and roofs. Both methods find the points that see out along the same directions. Rays traverse the wide
+BVH, with points sorted by a Z curve; "unsorted" has the points in random order. A scan (`PathBuffer` with
+`occlusion`) has as many cells as points. It is timed from positions on the device to the depths of its cells, once
+for each direction. Times are processor times of all cores, so other programs do not count. `measured`:
 
-    agreement      : smallest share of points for which a scan and the rays found the same
-    ray_s, scan_s  : by the law: seconds of a point and direction for 1e5 triangles and 1e5 points
+    agreement      : smallest fraction of points for which a scan and the rays agree
+    ray_s, scan_s  : seconds per point and direction for 1e5 triangles and 1e5 points, by the law
     ray_by_triangles, ray_by_points, scan_by_triangles, scan_by_points : the law's exponents
-    ray_off, scan_off : largest factor by which a row is off its law
+    ray_off, scan_off : largest factor between a row and its law
     rays_ahead     : smallest ratio of a scan's time to that of the rays, over the rows
     sorted_gain    : largest ratio of the time of unsorted points to that of sorted ones
-    rays_per_core_s : rays of a core in a second, of the row nearest to 43,000 triangles and a million points
+    rays_per_core_s : rays per second and core, of the row nearest to 43,000 triangles and a million points
 
 A law is a product of powers of triangles and points, fitted to the logarithms of the rows by least squares.
 """
@@ -44,9 +44,9 @@ Say = Callable[[str], None]
 
 TRIANGLES = (1_000, 10_000, 43_000, 100_000, 1_000_000)
 POINTS = (10_000, 100_000, 1_000_000)
-#: Directions that scans are timed for.
+#: Number of directions for which scans are timed.
 SCANS = 4
-# Off the surfaces, in units of the grid.
+# Offset from the surfaces, in grid units.
 _LIFT = 1e-4
 
 
@@ -54,7 +54,7 @@ def bench_parallel_rays(scale: float = 1.0, say: Say = lambda text: None) -> Rep
     """Measure; takes some minutes on two cores.
 
     scale : below 1, fewer points, and the largest scenes are left out
-    say   : called with a line on what goes on
+    say   : function that gets messages about the progress
     """
     context = get_context()
     gl = context.gl
@@ -92,7 +92,7 @@ def bench_parallel_rays(scale: float = 1.0, say: Say = lambda text: None) -> Rep
 
 
 def neighbouring(count: int) -> Float64:
-    """(D, 3) unit directions above the horizon, all heights, each next to the one before."""
+    """Return (D, 3) unit directions above the horizon at all heights, each next to the previous one."""
     k = (np.arange(count) + 0.5) / count
     across, around = np.sqrt(1.0 - k**2), 2.0 * np.pi * 3.0 * k
     return np.stack([across * np.cos(around), across * np.sin(around), k], axis=1)
@@ -101,7 +101,7 @@ def neighbouring(count: int) -> Float64:
 def _row(
     gl: moderngl.Context, scene: DeviceScene, bvh: RayBvh, points: Float64, directions: Float64
 ) -> dict[str, Any]:
-    """Seconds of the processor for each point and direction."""
+    """Return a row with processor seconds per point and direction."""
     count = len(points)
     lifted = points + np.array([0.0, 0.0, _LIFT])
     up = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
@@ -143,7 +143,7 @@ def _seconds(gl: moderngl.Context, work: Callable[[], Any]) -> tuple[float, Any]
 
 
 def laws(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """Of rays and scans: seconds of a point and direction, as a product of powers of triangles and points."""
+    """Fit seconds per point and direction of rays and scans: a product of powers of triangles and points."""
     factors = np.log([[row["triangles"] / 1e5, row["points"] / 1e5] for row in rows])
     terms = np.concatenate([np.ones((len(rows), 1)), factors], axis=1)
     found: dict[str, float] = {}

@@ -1,29 +1,29 @@
-"""How fast "path" and "path-buffer" are, beside Mitsuba 3 at equal error.
+"""Speed of "path" and "path-buffer", compared with Mitsuba 3 at equal error.
 
-The scene is `cornell-box-36`, 256 x 256, or any that is comparable (`mitsuba_peer`), at depth 3. Ours is the
-integrator "path"; `scans_` says the same of "path-buffer", with directions "pair". All are measured in turns within
-one run, since shared machines drift. Error is relMSE = mean(e^2 / (ref^2 + 0.01)), less the reference's own; a
-program's number of samples to an error is read off a straight line through log(error) over log(samples), its time
-is that number times its milliseconds per sample, compilation not counted. `measured`:
+The scene is `cornell-box-36`, 256 x 256, or any that is comparable (`mitsuba_peer`), at depth 3. Numbers without a
+prefix are those of the integrator "path"; `scans_` is "path-buffer" with directions "pair". All take turns within
+one run, because the speed of shared machines drifts. The error is relMSE = mean(e^2 / (ref^2 + 0.01)) minus the
+reference's own. A program's samples to an error are read off a straight line through log(error) over log(samples).
+Its time is this number times its milliseconds per sample, without compilation. `measured`:
 
-    reference_relmse              : the error of the converged picture itself; absent where nobody knows it
+    reference_relmse              : error of the converged picture itself; absent if it is unknown
     ms_per_set, ms_per_set.STAGE  : milliseconds per path set, whole and by stage (the stages are run one by one
                                     for that, so they add up to more than the whole)
     paths_per_s                   : paths per second
-    lost_share                    : of the scans, the share of rays that lost the roulette of their cell
+    lost_share                    : fraction of the scans' rays that lost the roulette of their cell
     scans_ms_per_set, scans_relmse_N, scans_sets_to_target
-    vs_scans                      : the scans' time to the target error over ours
-    guided_..., guided_before_s   : of "path" guided by a radiosity solution (`--guide solution`); what that took
+    vs_scans                      : the scans' time to the target error divided by ours
+    guided_..., guided_before_s   : "path" guided by a radiosity solution (`--guide solution`); seconds before
     relmse_N, last_relmse         : our error at N path sets, mean over seeds, and at the largest N
-    relmse_of_one_set             : the latter times N: of a right picture, all of its error is noise
-    relmse_of_one_set_allowed     : half, or twice what Mitsuba has of one sample
-    slope                         : of log(error) over log(path sets)
+    relmse_of_one_set             : the latter times N; for a correct picture, all of its error is noise
+    relmse_of_one_set_allowed     : its limit: the larger of 0.5 and twice Mitsuba's value for one sample
+    slope                         : slope of log(error) over log(path sets)
     mitsuba_ms_per_sample, mitsuba_relmse_N
     sets_to_target, mitsuba_samples_to_target
-    vs_mitsuba                    : Mitsuba's time to the target error over ours
-    cycles_..., vs_cycles         : the same of Cycles, where it is installed
+    vs_mitsuba                    : Mitsuba's time to the target error divided by ours
+    cycles_..., vs_cycles         : the same for Cycles, if it is installed
     guided_vs_mitsuba, guided_vs_cycles
-    mean_off, mitsuba_mean_off    : by how much the mean of the largest picture is off that of the converged one
+    mean_off, mitsuba_mean_off    : relative difference between the means of the largest and the converged picture
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ AGREEMENT = (
     Condition("relmse_of_one_set", "<=", "relmse_of_one_set_allowed"),
     Condition("mitsuba_mean_off", "<=", 0.01),
 )
-# The line to the target may be drawn on beyond what was measured, but not from pictures that do not come nearer.
+# The line to the target may be extrapolated, but not from pictures that do not approach the target.
 RULE = (*AGREEMENT, Condition("vs_mitsuba", ">=", 0.5), Condition("last_relmse", "<=", "target"))
 CLAIM = f"not slower than half of Mitsuba's speed to relMSE {TARGET:g}"
 
@@ -79,11 +79,11 @@ def bench_path_buffer(
 
     Parameters
     ----------
-    seeds     : independent renders that errors and times are taken over
-    reference : a converged picture of the scene; by default the one that ships, else Mitsuba makes one, once
+    seeds     : number of independent renders, over which errors and times are averaged
+    reference : converged picture of the scene; default: the shipped one, or one that Mitsuba makes once
                 (`benchmarks.references.kept`)
-    scene     : instead of the box; diffuse, lit by shapes that emit. Raises SceneError for others
-    say       : called with a line on what goes on
+    scene     : scene instead of the box; diffuse, lit by shapes that emit. Raises SceneError for others
+    say       : function that gets messages about the progress
     """
     context = get_context()
     ground = Ground.of(scene or load_scene(SCENE), DEPTH, reference, TARGET, say)
@@ -179,12 +179,12 @@ def bench_path_buffer(
 
 
 def _prefix(name: str) -> str:
-    """Of a program's numbers; ours have none."""
+    """Return the prefix of a program's numbers; empty for ours."""
     return f"{name}_" if name else ""
 
 
 def _summary(prefix: str, contestant: Contestant) -> dict[str, float]:
-    """The contestant's numbers."""
+    """Return the numbers of a contestant."""
     unit = contestant.unit
     slope, needed = line_to_target(contestant.counts, contestant.error, TARGET)
     return {

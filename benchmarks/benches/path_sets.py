@@ -1,10 +1,10 @@
-"""What a path set takes: time and processor time of the path-buffer, of paths by rays, and of the gather.
+"""Cost of a path set: wall and processor time of the path-buffer, of paths by rays, and of the gather.
 
-Depth 3 for the first two, all bounces for the gather, its solution aside. Engines take turns of sixteen sets, of
-which the median counts. Processor time is of all threads.
+The depth is 3 for the first two. The gather has all bounces, without the time of its solution. Engines take turns
+of sixteen sets, and the median counts. Processor time is the sum over all threads.
 
 measured, for each scene and size:
-    SCENE-SIDE.ENGINE_ms, SCENE-SIDE.ENGINE_cpu_ms : milliseconds of a set
+    SCENE-SIDE.ENGINE_ms, SCENE-SIDE.ENGINE_cpu_ms : milliseconds of a path set
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from glpath.system.versions import versions
 
 _DEPTH = 3
 _SETS = 16
-#: Scenes, sides of the picture, and the aim: milliseconds of processor time of a path-buffer's set, at most.
+#: Scenes, sides of the picture, and limits in milliseconds of processor time for a path set of the path-buffer.
 CASES = (("cornell-box-36", 256, 37.0), ("cornell-box-36", 1024, 350.0), ("room", 256, 90.0))
 RULE = tuple(Condition(f"{name}-{side}.path-buffer_cpu_ms", "<=", most) for name, side, most in CASES)
 
@@ -34,7 +34,7 @@ RULE = tuple(Condition(f"{name}-{side}.path-buffer_cpu_ms", "<=", most) for name
 def bench_path_sets(
     scale: float = 1.0, rounds: int = 7, progress: Callable[[str], None] = lambda text: None
 ) -> Report:
-    """Measure. scale: below 1, smaller pictures. rounds: turns of sixteen path sets of each engine."""
+    """Time the path sets. scale: below 1, smaller pictures. rounds: turns of sixteen path sets of each engine."""
     context = get_context()
     measured: dict[str, float] = {}
     rows: list[dict[str, float | str]] = []
@@ -73,7 +73,7 @@ def _engines(context: Context, scene: Scene) -> dict[str, PathSetEngine]:
 
 
 def _taken(tracer: PathSetEngine) -> tuple[float, float]:
-    """Milliseconds of a set, and of processor time."""
+    """Return milliseconds per path set: wall time, and processor time."""
     wall, cpu = time.perf_counter(), time.process_time()
     for index in range(_SETS):
         tracer.trace_path_set(index)

@@ -1,7 +1,7 @@
-"""Shaft culling measured: what each option saves, how the cost grows, and the way beside Embree.
+"""Shaft culling: gain of each option, growth of the cost with the scene, and a comparison with Embree.
 
-On the offices of `glpath.io.shipped.office`: one step of progressive radiosity for each of the ten lights, over
-all polygons as receivers. Rows are plain dictionaries, for tables and JSON.
+The scenes are the offices of `glpath.io.shipped.office`: one step of progressive radiosity for each of the ten
+lights, with all polygons as receivers. Rows are plain dictionaries, for tables and JSON.
 
 [SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", 1991.
 """
@@ -27,8 +27,8 @@ from glpath.system.machine import core_count
 from glpath.system.versions import versions
 
 CLAIM = "visibility by shafts 2.5 times as fast as by our ray caster, and ahead of Embree, on the offices"
-# Rounding decides of a ray in a hundred thousand that meets an edge of a solid. Embree's rays are of 32 bits, with
-# their ends at other distances from the surfaces.
+# Rounding decides one ray in a hundred thousand that meets an edge of a solid. Embree's rays have 32 bits, and
+# their ends have other distances from the surfaces.
 OPTIONS_AGREEMENT = (Condition("blocked_off_ours", "<=", 1e-4),)
 AGREEMENT = (*OPTIONS_AGREEMENT, Condition("blocked_off_embree", "<=", 0.002))
 RULE = (
@@ -42,14 +42,14 @@ RULE = (
 )
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
 
-#: The quickest for the offices: shafts within shafts, lists of polygons only, whole clumps at a time.
+#: Fastest options for the offices: nested shafts, lists of polygons only, whole clumps at a time.
 BEST = ShaftOptions(solids=True)
-#: A ray caster with shadow coherency and emitter lists, which the paper compares with.
+#: Options of a ray caster with shadow coherency and emitter lists, with which the paper compares.
 BASELINE = ShaftOptions(strategy="no shaft", together=False, clump=0, group=0, nested=False)
 
 
 def option_rows(spacing: float = 0.25, side: int = 4, rounds: int = 3, names: Sequence[str] = OFFICES) -> list[Row]:
-    """What each option is worth: `BEST` with one option changed, and the paper's with one of the future."""
+    """Return rows of each option's gain: `BEST` with one option changed, and the paper's with one extension."""
     paper = replace(PAPER, strategy="ratio open", ratio=0.4)
     changed = {
         "best": BEST,
@@ -120,11 +120,10 @@ def option_rows(spacing: float = 0.25, side: int = 4, rounds: int = 3, names: Se
 
 
 def peer_rows(spacing: float = 0.25, side: int = 4, rounds: int = 5, say: Say = print) -> list[Row]:
-    """One step of every light: ours on one thread and on all, our baseline, and Embree's occlusion rays.
+    """Return rows of one step of all lights: ours on one thread and on all, our baseline, Embree's occlusion.
 
-    Embree, through embreex, gets the same rays, those between ends that face each other, made beforehand; on all
-    cores it runs in processes, as embreex keeps Python's lock. Its rows are left out where embreex is not
-    installed.
+    Embree, through embreex, gets the same rays, those between ends that face each other, prepared in advance. On
+    all cores it runs in processes, because embreex keeps Python's lock. Without embreex, its rows are left out.
     """
     cores = core_count()
     rows: list[Row] = []
@@ -166,7 +165,7 @@ def peer_rows(spacing: float = 0.25, side: int = 4, rounds: int = 5, say: Say = 
 
 
 class _EmbreeRays:
-    """Embree with an office's triangles and all rays of a step of every light; called, it traces them."""
+    """Embree with an office's triangles and all rays of a step of every light; a call traces the rays."""
 
     def __init__(self, where: Office) -> None:
         try:
@@ -182,14 +181,14 @@ class _EmbreeRays:
         for emitter in where.emitters:
             point, sample = np.nonzero(facing(emitter, where.receivers))
             way = where.receivers.points[point] - emitter.points[sample]
-            # 32 bit rays need a larger distance from the surfaces at their ends than ours.
+            # 32-bit rays need a larger distance from the surfaces at their ends than ours.
             origins.append((emitter.points[sample] + 1e-4 * way).astype(np.float32))
             ways.append((way * (1 - 2e-4)).astype(np.float32))
         self._origins, self._ways = np.concatenate(origins), np.concatenate(ways)
         self._ends = np.ones(len(self._ways), np.float32)
 
     def __call__(self, part: slice = slice(None)) -> int:
-        """How many rays are blocked."""
+        """Return the number of blocked rays."""
         hit: NDArray[np.int32] = self._scene.run(
             self._origins[part], self._ways[part], query="OCCLUDED", dists=self._ends[part].copy()
         )
@@ -219,10 +218,10 @@ def _occluded_in_process(share: tuple[int, int]) -> int:
 
 
 def bench_shaft_options(scale: float = 1.0, rounds: int = 3, say: Say = lambda text: None) -> Report:
-    """What each enhancement of the paper, and each thing it leaves to the future, is worth; see `option_rows`.
+    """Measure the gain of each option in the paper, and of each extension that it proposes; see `option_rows`.
 
-    The report's numbers are the times of `BEST` and of the paper's options over the quickest of their variants. It
-    takes about a minute on two cores.
+    The report's numbers are the times of `BEST` and of the paper's options, divided by those of the fastest of
+    their variants. The bench takes about a minute on two cores.
 
     scale, rounds, say : see `bench_shaft`
     """
@@ -251,12 +250,12 @@ def bench_shaft_options(scale: float = 1.0, rounds: int = 3, say: Say = lambda t
 
 
 def growth_rows(sizes: Sequence[int] = (1_000, 10_000, 100_000, 1_000_000), threads: int = 1) -> list[Row]:
-    """What a step costs in ever larger scenes: small triangles scattered in a cube, one light, 20,000 points."""
+    """Return a step's cost in growing scenes: small triangles scattered in a cube, one light, 20,000 points."""
     rows = []
     for size in sizes:
         rng = np.random.default_rng(size)
         centres = rng.random((size, 1, 3))
-        edge = 1.2 * size ** (-1 / 2)  # as much shadow whatever their number
+        edge = 1.2 * size ** (-1 / 2)  # the same amount of shadow for any number
         occluders = Occluders.of_triangles(centres + edge * (rng.random((size, 3, 3)) - 0.5))
         middles = (np.arange(4) + 0.5) / 4
         samples = np.stack([*np.meshgrid(0.4 + 0.2 * middles, 0.4 + 0.2 * middles), np.full((4, 4), 1.1)], axis=-1)
@@ -292,9 +291,9 @@ def growth_rows(sizes: Sequence[int] = (1_000, 10_000, 100_000, 1_000_000), thre
 
 
 def measured(rows: Sequence[Row]) -> dict[str, float]:
-    """The numbers that the marks are set on, of `peer_rows`: their time over ours, shaft building included.
+    """Return the limited numbers of `peer_rows`: others' time divided by ours, shaft building included.
 
-    blocked_off_ours, blocked_off_embree: by how much the share of rays that are blocked differs, at most.
+    blocked_off_ours, blocked_off_embree: largest difference in the fraction of blocked rays.
     """
     embree = [row for row in rows if row["program"].startswith("Embree")]
     ours = [row for row in rows if row not in embree]
@@ -312,7 +311,7 @@ def measured(rows: Sequence[Row]) -> dict[str, float]:
 
 
 def _blocked_off(rows: Sequence[Row], others: Sequence[Row]) -> float:
-    """The largest difference of the shares of rays that are blocked, between any two of one scene."""
+    """Return the largest difference in the fraction of blocked rays between any two rows of one scene."""
     pairs = ((row, other) for row in rows for other in others if row["scene"] == other["scene"])
     return max(abs(float(row["blocked"]) - float(other["blocked"])) for row, other in pairs)
 
@@ -320,14 +319,14 @@ def _blocked_off(rows: Sequence[Row], others: Sequence[Row]) -> float:
 def bench_shaft(scale: float = 1.0, rounds: int = 7, say: Say = lambda text: None) -> Report:
     """Measure; takes about a minute on two cores.
 
-    The report's numbers are those that `measured` makes of `peer_rows`, our visibility samples per second, and for
-    each size of a growing scene the nanoseconds per ray: `growth_ns_1000` to `growth_ns_1000000`.
+    The report's numbers are those that `measured` computes from `peer_rows`, our visibility samples per second, and
+    the nanoseconds per ray for each size of a growing scene: `growth_ns_1000` to `growth_ns_1000000`.
 
     Parameters
     ----------
-    scale  : below 1, fewer receiver points and polygons; the names of what is measured stay
+    scale  : below 1, fewer receiver points and polygons; the numbers keep their names
     rounds : turns of every program; the median counts
-    say    : called with a line on what goes on
+    say    : function that gets messages about the progress
     """
     notes: list[str] = []
 

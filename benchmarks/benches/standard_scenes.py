@@ -1,20 +1,20 @@
-"""Scenes of Mitsuba's own format from a folder, by glpath and by Mitsuba itself: the same picture, and seconds.
+"""Render a folder of scenes in Mitsuba's format by glpath and by Mitsuba, and compare pictures and seconds.
 
-None ships with glpath. Bitterli's collection (https://benedikt-bitterli.me/resources) and the scenes of Mitsuba's
-tutorials are such folders. A scene is an .xml in the folder, or a scene*.xml in a folder below it.
+No such scene ships with glpath. Bitterli's collection (https://benedikt-bitterli.me/resources) and the scenes of
+Mitsuba's tutorials are suitable folders. A scene is an .xml in the folder, or a scene*.xml in a subfolder.
 
-Mitsuba reads its file itself; only the camera's film, its pixel filter and the integrator are set, so that both
-have the same pixels, a box filter, and paths of so many vertices. Noise is that of pictures of several seeds beside
-their own mean, relMSE = mean of (variance / (mean^2 + 0.01)); seconds to the target are those until the first path
-set and those of the sets that are needed.
+Mitsuba reads its own file. Only the camera's film, its pixel filter and the integrator are changed, so that both
+programs have the same pixels, a box filter, and the same path length. Noise is the variance over pictures of
+several seeds, as relMSE = mean of (variance / (mean^2 + 0.01)). Seconds to the target are those until the first
+path set, plus those of the path sets that are needed.
 
 measured:
-    scenes, refused : compared; and refused by name, as they have what glpath does not read
-    worst_mean_off  : the largest difference between the means of two pictures, of scenes that are read without a
+    scenes, refused : number of compared scenes, and of scenes that glpath refuses because of unsupported features
+    worst_mean_off  : largest difference between the means of two pictures, among scenes that are read without a
                       warning
-    worst_warned_off : the same of the others: a warning says what of them is not as in Mitsuba
-    worst_apart     : the largest relMSE of one program's mean picture beside the other's, their noise taken off
-    faster          : scenes where glpath needs fewer seconds
+    worst_warned_off : the same for the other scenes, whose warnings name the differences from Mitsuba
+    worst_apart     : largest relMSE of one program's mean picture against the other's, without their noise
+    faster          : number of scenes for which glpath needs fewer seconds
 """
 
 from __future__ import annotations
@@ -51,13 +51,13 @@ def bench_standard_scenes(
     scale: float = 1.0,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Report:
-    """Measure.
+    """Compare the scenes of a folder.
 
-    folder : of the scenes
+    folder : folder of the scenes
     seeds  : pictures of each program, two at least
     scale  : below 1, fewer samples
 
-    Raises GlpathError without Mitsuba, and for a folder without scenes.
+    Raises GlpathError if Mitsuba is missing, and for a folder without scenes.
     """
     mitsuba = mitsuba_peer.load_mitsuba()
     paths = sorted({*folder.glob("*.xml"), *folder.glob("*/scene*.xml")})
@@ -107,7 +107,7 @@ def bench_standard_scenes(
 
 
 def _compared(mitsuba: Any, path: Path, scene: Scene, seeds: int, scale: float) -> dict[str, Any]:
-    """The row of one scene."""
+    """Return the row of one scene."""
     width, height = scene.camera.resolution
     shrink = min(1.0, _SIDE / max(width, height))
     size = max(1, round(width * shrink)), max(1, round(height * shrink))
@@ -166,7 +166,7 @@ def _seconds(work: Callable[[], object]) -> float:
 
 
 def _sensor(mitsuba: Any, scene: Any, size: tuple[int, int]) -> Any:
-    """The camera of Mitsuba's scene with a film of so many pixels and a box filter."""
+    """Return the camera of Mitsuba's scene with a film of `size` pixels and a box filter."""
     first = scene.sensors()[0]
     parameters = mitsuba.traverse(first)
     near, far = float(parameters["near_clip"]), float(parameters["far_clip"])

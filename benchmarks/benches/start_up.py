@@ -1,15 +1,15 @@
-"""How long a small picture takes from the shell, the whole process: what a batch of small jobs pays each time.
+"""Time of a small picture from the shell, for the whole process: the cost that each job of a batch pays.
 
-Programs take turns, and the median counts; each runs once before, so that shaders and files are in their caches.
-Mitsuba renders its own box, which is the same scene, as small and with as many samples, by both of its variants for
-the CPU; the quicker one is the peer.
+Programs take turns, and the median counts. Each runs once before, so that shaders and files are cached. Mitsuba
+renders its own box, which is the same scene, at the same size and with as many samples, in both of its variants for
+the CPU. The faster variant is compared.
 
 measured:
-    python_s, glpath_s, mitsuba_s : seconds of a process: an empty Python, ours, the peer
-    vs_mitsuba                    : how many times as fast as the peer
-    default_s                     : of `glpath render cornell-box`, as small, which is denoised
-    cold_s                        : of the same on a machine that has compiled neither shaders nor kernels
-    cold_512_s                    : of the same at 512 x 512, which needs a radiosity solution and its kernels
+    python_s, glpath_s, mitsuba_s : seconds of a process: an empty Python, glpath, Mitsuba
+    vs_mitsuba                    : Mitsuba's time divided by ours
+    default_s                     : seconds of `glpath render cornell-box` at the same size, which is denoised
+    cold_s                        : the same without cached shaders and kernels
+    cold_512_s                    : the same at 512 x 512, which needs a radiosity solution and its kernels
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from glpath.system.versions import versions
 RULE = (Condition("glpath_s", "<=", 1.2), Condition("cold_s", "<=", 6.0))
 _SIZE = 64
 _DEFAULT = ("-m", "glpath", "render", "cornell-box", "--quiet")
-# What is rendered with empty caches; the larger one has a radiosity solution, whose kernels are compiled.
+# Sizes that are rendered with empty caches; the larger one needs a radiosity solution, whose kernels are compiled.
 _COLD = {"cold_s": (_SIZE, _SIZE), "cold_512_s": (512, 512)}
 
 _MITSUBA = """
@@ -47,7 +47,7 @@ mi.util.write_bitmap(sys.argv[3], mi.render(mi.load_dict(box), spp=1), write_asy
 
 
 def bench_start_up(rounds: int = 7, progress: Callable[[str], None] = lambda text: None) -> Report:
-    """Time the processes. Raises GlpathError where ours fails; a peer that does not run is left out."""
+    """Time the processes. Raises GlpathError if glpath fails; a peer that does not run is left out."""
     with tempfile.TemporaryDirectory() as folder:
         picture = str(Path(folder, "a.png"))
         ours = ["-m", "glpath", "render", "cornell-box-36", "--spp", "1", "--resolution", f"{_SIZE}x{_SIZE}"]
@@ -92,7 +92,7 @@ def bench_start_up(rounds: int = 7, progress: Callable[[str], None] = lambda tex
 
 
 def _cold(arguments: list[str]) -> float:
-    """Seconds of a process whose caches are empty: of Mesa's shaders, and of numba's kernels."""
+    """Return the seconds of a process without cached shaders of Mesa and kernels of numba."""
     with tempfile.TemporaryDirectory() as home:
         caches = {
             "HOME": home,

@@ -1,18 +1,19 @@
-"""A height field as a stream of triangles: what a million points see of 145 patches of the sky, in 256 MiB.
+"""A height field as a stream of triangles: visibility of 145 sky patches from a million points, in 256 MiB.
 
-The field is that of `height_field`, its triangles a .npy file in tiles. Points see out of it by one pass over the
-file (`glpath.daylight.visibility`): part after part of the triangles, as many as the budget holds, with a BVH each.
+The field is that of `height_field`; its triangles are a .npy file in tiles. One pass over the file finds the
+visibility (`glpath.daylight.visibility`): parts of the triangles, each as large as the budget allows, get a BVH one
+after another.
 
-The law is of two smaller fields with as many points: seconds of a core for each triangle that is read and put into
-a BVH, and for each point and direction, which grow by a power of the triangles. `measured`:
+A law is fitted to two smaller fields with as many points: core seconds for each triangle that is read and put into
+a BVH, and for each point and direction, which grow by a power of the number of triangles. `measured`:
 
-    seconds, core_s : of the largest field, of the clock and of the processor, from the points to what they see
-    law_off         : the processor's seconds by those that the law predicts
-    budget_share    : the most memory by the budget, beside points, results and what the program has before
-    resumed         : 1, where what is interrupted in the middle of a pass has in the end the bits of one run
-    off_memory      : share of points and directions for which the smallest field in memory says otherwise
+    seconds, core_s : wall and core seconds of the largest field, from the points to their visibility
+    law_off         : core seconds divided by those that the law predicts
+    budget_share    : peak memory divided by the budget, without points, results and the program's memory before
+    resumed         : 1 if a run that is interrupted in the middle of a pass ends with the bits of one run
+    off_memory      : fraction of points and directions for which the smallest field in memory gives another result
 
-Source: the marks are of issue 43.
+Source: issue 43 for the limits.
 """
 
 from __future__ import annotations
@@ -51,15 +52,15 @@ RULE = (
     *EXACT,
 )
 
-#: Tiles along the sides of the fields, and samples along one; points; MiB.
+#: Tiles along the sides of the fields, samples along a tile's side, number of points, and budget in MiB.
 TILES, TILE, POINTS, BUDGET = (4, 8, 25), 128, 1_000_000, 256
-#: Tiles of a small run.
+#: Tiles along the sides of the fields in a small run.
 SMALL_TILES = (3, 4, 5)
 _UP = np.array([0.0, 0.0, 1.0])
 
 
 def tile_triangles(field: HeightField, row: int, column: int) -> Float64:
-    """(2 TILE^2, 3, 3) of a tile of a field."""
+    """Return the triangles (2 TILE^2, 3, 3) of a tile of a field."""
     x, y = (at[TILE * k : TILE * (k + 1) + 1] for at, k in zip(field.coordinates(), (column, row), strict=True))
     z = field.heights[TILE * row : TILE * (row + 1) + 1, TILE * column : TILE * (column + 1) + 1]
     corner = np.stack([*np.meshgrid(x, y), z], axis=-1)
@@ -68,12 +69,12 @@ def tile_triangles(field: HeightField, row: int, column: int) -> Float64:
 
 
 def resident_bytes() -> int:
-    """Of this process now."""
+    """Return the resident memory of this process, bytes."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def write_tiles(field: HeightField, tiles: int, path: Path) -> None:
-    """All triangles of a field as .npy, tile by tile."""
+    """Write all triangles of a field as .npy, tile by tile."""
     header = {"descr": "<f4", "fortran_order": False, "shape": (2 * (tiles * TILE) ** 2, 3, 3)}
     with path.open("wb") as file:
         np.lib.format.write_array_header_1_0(file, header)
@@ -82,13 +83,13 @@ def write_tiles(field: HeightField, tiles: int, path: Path) -> None:
 
 
 def streamed(path: Path) -> Scene:
-    """The field of a file as a scene."""
+    """Return the scene of a field's file."""
     view = {"position": [0, -9, 9], "target": [0, 0, 0], "up": [0, 0, 1]}
     return scene_from_dict({"camera": view, "shapes": [{"type": "stream", "file": str(path)}]})
 
 
 def _row(scene: Scene, points: Float64, budget: int, alone: bool) -> Row:
-    """Seconds of one pass; with `alone`, also of the trees alone."""
+    """Return a row with the seconds of one pass; with `alone`, also those of building the BVHs alone."""
     triangles = scene.shapes.total("stream")
     given: dict[str, Any] = {"samples": 1, "max_depth": 1, "geometry_budget": budget}
     row: Row = {"triangles": triangles, "points": len(points)}
@@ -96,9 +97,9 @@ def _row(scene: Scene, points: Float64, budget: int, alone: bool) -> Row:
         gl, before = get_context().gl, time.process_time()
         parts = StreamParts(path_traceable(scene, streams=True), budget)(gl, 1e5)
         while next(parts, None) is not None:
-            pass  # without a name for it, which would keep it while the next one is built
+            pass  # no name refers to the part, so it is freed before the next one is built
         row["build_s"] = time.process_time() - before
-    # Of what is no part: points, their textures, and words. Found by the same without any part.
+    # Memory besides the parts: points, their textures, and visibility words, measured without any part.
     with PointVisibility(get_context().gl, scene, points, np.broadcast_to(_UP, points.shape), "plane", budget):
         return_memory()
         resident = resident_bytes()
@@ -113,9 +114,9 @@ def _row(scene: Scene, points: Float64, budget: int, alone: bool) -> Row:
 
 
 def predicted(rows: list[Row], triangles: int) -> float:
-    """Seconds of the processor for a larger field, by two smaller ones with as many points.
+    """Return core seconds for a larger field, predicted from two smaller ones with as many points.
 
-    nan where the trees alone took no less than all: in a small run, whose rays are lost in what varies.
+    NaN if building the BVHs alone took no less than the whole, as in a small run with few rays.
     """
     small, large = rows
     of_rays = [row["core_s"] - row["build_s"] for row in rows]
@@ -127,7 +128,7 @@ def predicted(rows: list[Row], triangles: int) -> float:
 
 
 def resumes(scene: Scene, points: Float64, budget: int, folder: Path) -> bool:
-    """Whether what is interrupted in its second part has the bits of one run."""
+    """Return True if a run that is interrupted in its second part has the bits of an uninterrupted run."""
     given: dict[str, Any] = {"samples": 1, "max_depth": 1, "geometry_budget": budget}
     whole = daylight_coefficients(scene, points, _UP, **given)
     seen = []
@@ -152,7 +153,7 @@ def resumes(scene: Scene, points: Float64, budget: int, folder: Path) -> bool:
 
 
 def off_memory(field: HeightField, scene: Scene, points: Float64, budget: int) -> float:
-    """Share of points and directions for which the same triangles in memory say otherwise."""
+    """Return the fraction of points and directions for which the same triangles in memory give another result."""
     vertices, faces = field.triangles()
     mesh = {"type": "mesh", "vertices": vertices, "faces": faces}
     memory = scene_from_dict({"camera": {"position": [0, -9, 9], "target": [0, 0, 0]}, "shapes": [mesh]})
@@ -167,7 +168,7 @@ def bench_streamed_field(scale: float = 1.0, say: Say = lambda text: None) -> Re
     """Measure; takes some minutes on two cores, and 0.8 GB of the folder for temporary files.
 
     scale : below 1, fewer points, and below a quarter smaller fields
-    say   : called with a line on what goes on
+    say   : function that gets messages about the progress
     """
     tiles = TILES if scale >= 0.25 else SMALL_TILES
     count, budget = max(256, round(POINTS * scale)), BUDGET if scale >= 0.25 else 32

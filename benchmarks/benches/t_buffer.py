@@ -1,17 +1,17 @@
-"""How fast the T-buffer finds what the eye sees, beside Embree, and what kept shadow-buffers save.
+"""Speed of visibility by the T-buffer, compared with Embree, and the time that cached shadow-buffers save.
 
-Visibility: 1e3, 1e5 and 1e6 spheres and triangles in a cube, at random, 1280 x 720. Their size goes with the square
-root of their number, so that about every other one is hidden behind others, whatever their number. Each program
-starts with its scene built, and ends with the nearest primitive and its t for every pixel, in its own memory. They
-take turns, medians count. Embree is asked in two ways (see `embree_peer`): as embreex does, ray by ray on one
-thread (triangles by embreex itself, spheres, which embreex lacks, by the same loop), and in packets of eight rays
-on all cores. `measured`, each the worse of spheres and triangles:
+The scenes are 1e3, 1e5 and 1e6 spheres or triangles at random in a cube, 1280 x 720. Their size is inversely
+proportional to the square root of their number, so about every second one is hidden. Each program starts with its
+scene built, and ends with the nearest primitive and its t for every pixel in its own memory. They take turns, and
+medians count. Embree is used in two modes (see `embree_peer`): like embreex, ray by ray on one thread (triangles by
+embreex itself, spheres, which embreex lacks, by the same loop), and in packets of eight rays on all cores.
+`measured`, each the worse of spheres and triangles:
 
-    vs_embree_N         : time of embreex over ours
-    vs_embree_packets_N : time of Embree in packets on all cores over ours
-    agreement           : smallest share of pixels in which both see the same primitive
-    frame_ms_first      : a frame of `stacked`, 1000 spheres, with its shadow-buffer (1000 x 2000) to be filled
-    frame_ms_kept       : a frame with the camera moved and the shadow-buffer kept, of a turn of 60
+    vs_embree_N         : time of embreex divided by ours
+    vs_embree_packets_N : time of Embree in packets on all cores divided by ours
+    agreement           : smallest fraction of pixels in which both see the same primitive
+    frame_ms_first      : a frame of `stacked` with 1000 spheres that fills its shadow-buffer (1000 x 2000)
+    frame_ms_kept       : a frame with a moved camera and the cached shadow-buffer, in a turn of 60 frames
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ Say = Callable[[str], None]
 
 
 def crowd(kind: str, count: int, resolution: tuple[int, int] = RESOLUTION, seed: int = 0) -> Scene:
-    """So many spheres or triangles of one size at random in the cube from -1 to 1, the camera outside.
+    """Return `count` equal spheres or triangles at random in the cube from -1 to 1, with the camera outside.
 
-    The areas that they show add up to about twice the cube's face.
+    Their visible areas, without occlusion, add up to about twice the cube's face.
     """
     random = np.random.default_rng(seed)
     centres = random.uniform(-1, 1, (count, 3))
@@ -62,7 +62,8 @@ def crowd(kind: str, count: int, resolution: tuple[int, int] = RESOLUTION, seed:
         spheres = np.concatenate([np.tile(radius * np.eye(3), (count, 1, 1)), centres[:, :, None]], axis=2)
         crowd = Shape("crowd", "sphere", 0, spheres)
     else:
-        # Equilateral, turned at random: half of the area is lost to the slant, so it is twice a sphere's disc.
+        # Triangles in random orientations show half of their area on average, so their area is twice a sphere's
+        # disc.
         corners = np.array([[0.0, 1.0], [-np.sqrt(0.75), -0.5], [np.sqrt(0.75), -0.5]])
         size = radius * np.sqrt(2 * np.pi / (1.5 * np.sqrt(0.75)))
         u, v = _frames(random, count)
@@ -77,7 +78,7 @@ def crowd(kind: str, count: int, resolution: tuple[int, int] = RESOLUTION, seed:
 
 
 def _frames(random: np.random.Generator, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Two perpendicular unit vectors (N, 3) each, any direction as likely as any other."""
+    """Return two perpendicular unit vectors (N, 3) each, uniformly distributed over all directions."""
     n = random.normal(size=(count, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     other = random.normal(size=(count, 3))
@@ -91,9 +92,9 @@ def bench_t_buffer(scale: float = 1.0, rounds: int = 7, say: Say = lambda text: 
 
     Parameters
     ----------
-    scale  : below 1, fewer objects and pixels; the names of what is measured stay
+    scale  : below 1, fewer objects and pixels; the numbers keep their names
     rounds : turns of every program; the median counts
-    say    : called with a line on what goes on
+    say    : function that gets messages about the progress
     """
     context = get_context()
     notes: list[str] = []
@@ -136,7 +137,7 @@ def bench_t_buffer(scale: float = 1.0, rounds: int = 7, say: Say = lambda text: 
 
 
 def _visibility(context: Context, scene: Scene, peer: bool, rounds: int, say: Say) -> dict[str, object]:
-    """One row: milliseconds of each program to the nearest primitive of every pixel, and to build its scene."""
+    """Return a row with each program's milliseconds per picture of nearest primitives, and per scene build."""
     say(f"visibility of a {scene.name}")
     gl, camera = context.gl, scene.camera
     made: list[TBuffer] = []
@@ -194,7 +195,7 @@ def _embree(scene: Scene) -> embree_peer.EmbreeScene:
 
 
 def _frame_times(context: Context, scale: float, say: Say) -> dict[str, float]:
-    """Milliseconds of a frame with the shadow-buffer to be filled, and of one with a kept one, another view."""
+    """Return milliseconds of a frame that fills the shadow-buffer, and of another view's that reuses it."""
     height = max(12, round(RESOLUTION[1] * scale))
     parameters = {"objects": max(20, round(1000 * scale)), "resolution": height, "aspect": 16 / 9}
     scene = load_scene("stacked", parameters)

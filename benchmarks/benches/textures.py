@@ -1,13 +1,13 @@
-"""What textures and smooth normals cost: a path set of 100,000 triangles plain, with either, and with both.
+"""Cost of textures and smooth normals: a path set of 100,000 triangles plain, with either, and with both.
 
-The Cornell box with twenty balls of 5,120 triangles each in place of its two boxes. Plain they are flat and of one
-colour; smooth they are shaded with the normals of their vertices; textured all surfaces have a picture whose mean
-is that colour, so that paths are as long. The four take turns, a path set each, and the median counts.
+The scene is the Cornell box with twenty balls of 5,120 triangles each instead of its two boxes. "plain" balls are
+flat and of one colour. "smooth" ones are shaded with vertex normals. "textured" surfaces have a picture with the
+same mean colour, so that paths have the same length. The four take turns, one path set each, and the median counts.
 
 measured:
     plain_ms, smooth_ms, textured_ms, both_ms : milliseconds of a path set
-    smooth, textured, both : the median over turns of what a set takes, over the plain one of the same turn
-    mean_off : by how much the picture with both is brighter or darker than the plain one
+    smooth, textured, both : time of a set divided by that of the plain one in the same turn, median over turns
+    mean_off : relative difference of the mean of the picture with both from that of the plain one
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ AGREEMENT = (Condition("mean_off", "<=", 0.02),)
 RULE = (*AGREEMENT, Condition("both", "<=", 1.3))
 SIDE = 256
 DEPTH = 3
-#: How often the balls' triangles are split in four: 20 balls of 20 * 4^4.
+#: Number of times that the balls' triangles are split in four: 20 balls of 20 * 4^4 triangles.
 FINENESS = 4
 _COLOUR = 0.6
-# Of the picture, so that no surface reflects more than all where it is bright.
+# Mean of the picture. It is below 1, so that no surface reflects more than all light where the picture is bright.
 _MEAN = 0.75
 _CENTRES = [
     (x, y, z)
@@ -51,7 +51,7 @@ _KINDS = ("plain", "smooth", "textured", "both")
 
 
 def scene_of(kind: str, fineness: int = FINENESS, side: int = SIDE) -> Scene:
-    """One of `plain`, `smooth`, `textured` and `both`."""
+    """Return the scene of a variant: `plain`, `smooth`, `textured` or `both`."""
     box = load_scene("cornell-box-36").with_camera(resolution=(side, side))
     walls = [shape for shape in box.shapes if not shape.name.endswith("-box")]
     ball = unit_sphere(fineness)
@@ -81,7 +81,7 @@ def scene_of(kind: str, fineness: int = FINENESS, side: int = SIDE) -> Scene:
 
 
 def _with_uv(wall: Shape) -> Mesh:
-    """Its mesh with the coordinates along its two longer axes for texture coordinates."""
+    """Return the wall's mesh with the coordinates along its two longer axes as texture coordinates."""
     assert isinstance(wall.geometry, Mesh)
     long = np.sort(np.argsort(np.ptp(wall.geometry.vertices, axis=0))[1:])
     return replace(wall.geometry, uv=wall.geometry.vertices[:, long])
@@ -90,7 +90,7 @@ def _with_uv(wall: Shape) -> Mesh:
 def bench_textures(
     scale: float = 1.0, rounds: int = 7, progress: Callable[[str], None] = lambda text: None
 ) -> Report:
-    """Measure. scale: below 1, a smaller picture. rounds: turns of eight path sets of each."""
+    """Time the variants. scale: below 1, a smaller picture. rounds: turns of eight path sets of each."""
     context = get_context()
     side = max(32, round(SIDE * scale**0.5))
     engines: dict[str, PathSetEngine] = {}

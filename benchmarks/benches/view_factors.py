@@ -1,12 +1,12 @@
-"""View factors measured: closed forms, closed rooms beside pyviewfactor, and a city of 22,000 facets.
+"""View factors: closed forms, closed rooms compared with pyviewfactor, and a city of 22,000 facets.
 
-A room is closed, so its rows add up to 1, and what they lack is an error that needs no reference. pyviewfactor runs
-in the same run on the same triangles (`pyviewfactor_worker`); it comes with the extra `peers`, maybe in another
-Python (`other_python`). Of each what counts is its call, in a process that has imported and compiled all: of ours
-from corners and faces to the matrix, checks and threads included; of pyviewfactor from its mesh on.
+A room is closed, so its rows add up to 1, and the deviation is an error that needs no reference. pyviewfactor runs
+in the same run on the same triangles (`pyviewfactor_worker`); it comes with the extra `peers`, perhaps in another
+Python (`other_python`). The time of a call counts, in a process that has imported and compiled everything: ours
+from corners and faces to the matrix, including checks and threads; pyviewfactor's from its mesh on.
 
-uDALES's city cannot be had; ours has as many facets. Its time stands beside the published one by seconds times
-threads, and processors differ: it says of what order the difference is, not more.
+uDALES's city is not available, so ours has as many facets. Its time is compared with the published one in seconds
+times threads. Processors differ, so only the order of magnitude of the ratio is meaningful.
 
 Source: uDALES issue 329: 22,176 facets, 5.8 million factors, 1280 s on eight threads, 0.83 GiB.
 """
@@ -43,22 +43,22 @@ RULE = (
     Condition("times_pyviewfactor_least", ">=", 5.0),
     Condition("error_over_pyviewfactor", "<=", 1.0),
 )
-#: Cells along an edge of a room with a block: 96 to 9,600 faces.
+#: Cells along an edge of a room with a block, which give 96 to 9,600 faces.
 ROOMS = (2, 4, 7, 12, 20)
-#: Errors of rows that ours is asked for: the default, and one that is still far below pyviewfactor's.
+#: Target errors of our rows: the default, and one that is still far below pyviewfactor's error.
 ERRORS = {"glpath": 1e-3, "glpath, error 1e-2": 1e-2}
-#: Blocks along a side, 57 facets each: 22,800 facets.
+#: Blocks along a side, with 57 facets each: 22,800 facets.
 BLOCKS = 20
-#: Seconds times threads of uDALES's view3d.
+#: Published seconds times threads of uDALES's view3d.
 PUBLISHED_CORE_S = 8 * 1280.0
-#: Seconds of a room after which there is no further turn.
+#: Seconds of a room after which no further turn is made.
 _ENOUGH_S = 20.0
-#: Bytes of pyviewfactor for each pair of faces, and what it may take.
+#: Memory of pyviewfactor for each pair of faces, and its maximum memory, bytes.
 _PEER_BYTES, _PEER_MOST = 90, 3 << 30
 
 
 def closed_form_rows() -> list[Row]:
-    """Each closed form, what is computed, and its relative error."""
+    """Return a row for each closed form: its value, the computed one, and the relative error."""
     rows = []
     for case in CLOSED_FORMS:
         found = float(view_factors(case.faces, groups=case.groups).matrix[0, 1])
@@ -67,8 +67,10 @@ def closed_form_rows() -> list[Row]:
 
 
 def room_rows(rooms: tuple[int, ...], rounds: int, say: Say) -> list[Row]:
-    """Ours and pyviewfactor in turns on rooms of 24 cells^2 triangles: median seconds, of the clock and of the CPU,
-    and errors of row sums."""
+    """Return rows of rooms with 24 cells^2 triangles, computed by us and by pyviewfactor in turns.
+
+    The rows have median seconds, wall and processor, and errors of row sums.
+    """
     rows: list[Row] = []
     try:
         peer: _Peer | None = _Peer()
@@ -83,7 +85,7 @@ def room_rows(rooms: tuple[int, ...], rounds: int, say: Say) -> list[Row]:
             beside = peer if _PEER_BYTES * len(faces) ** 2 <= _PEER_MOST else None
             times: dict[str, list[tuple[float, float]]] = {}
             sums: dict[str, NDArray[np.float64]] = {}
-            # Of what takes long a turn or two are enough.
+            # For slow rooms, one or two turns are enough.
             for _ in range(rounds):
                 if sum(wall for each in times.values() for wall, _ in each) > _ENOUGH_S:
                     break
@@ -119,7 +121,7 @@ def room_rows(rooms: tuple[int, ...], rounds: int, say: Say) -> list[Row]:
 
 
 class _Peer:
-    """pyviewfactor, started and compiled."""
+    """pyviewfactor in a process that has started and compiled."""
 
     def __init__(self) -> None:
         _, self.version = other_python.find_package("pyviewfactor", other_python.python())
@@ -160,7 +162,7 @@ class _Peer:
 
 
 def city_row(blocks: int, say: Say) -> Row:
-    """A city of 57 blocks^2 facets: seconds, factors, memory, and how far the rows' errors are estimated to go."""
+    """Return the row of a city of 57 blocks^2 facets: seconds, factors, memory, and its estimated errors."""
     faces = city(blocks)
     start = time.perf_counter()
     before = time.process_time()
@@ -188,17 +190,17 @@ def city_row(blocks: int, say: Say) -> Row:
 def bench_view_factors(scale: float = 1.0, rounds: int = 7, say: Say = lambda text: None) -> Report:
     """Measure; takes some minutes on two cores.
 
-    The report's numbers: `closed_forms_off`, the largest relative error; `times_pyviewfactor_N`, its time over ours
-    for N faces with an error of 1e-2, and the least of these; `cpu_times_pyviewfactor_N`, the same by CPU time,
-    which depends less on what else runs; `error_over_pyviewfactor`, our largest row error then over its own, at
-    most; `closure_error_most`, ours with the default error;
-    `city_core_s`, and how many times that goes into the published one.
+    The report's numbers: `closed_forms_off`, the largest relative error; `times_pyviewfactor_N`, its time divided
+    by ours for N faces with an error of 1e-2, and the smallest of these; `cpu_times_pyviewfactor_N`, the same for
+    CPU time, which depends less on other programs; `error_over_pyviewfactor`, the largest ratio of our largest row
+    error to pyviewfactor's; `closure_error_most`, our error with the default target; `city_core_s`, and the
+    published time divided by it.
 
     Parameters
     ----------
     scale  : below 1, smaller rooms and a smaller city; the names of what is measured stay
     rounds : turns of each program; the median counts
-    say    : called with a line on what goes on
+    say    : function that gets messages about the progress
     """
     notes: list[str] = []
 

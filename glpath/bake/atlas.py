@@ -67,8 +67,8 @@ _WHOLE = 1024
 _PATCH = 250
 #: Charts that are made once have at most this multiple of the density of the later packing.
 _FINER = 2.0
-#: Side in texels of a page that limits `_FINER`. The multiple is reduced, but not below 1, until charts fill at most
-#: half of the page.
+#: Side in texels of a page that limits `_FINER`. The multiple is reduced, but not below 1, until charts fill at
+#: most half of the page.
 _CHART_PAGE = 4096
 #: Measured core seconds for each triangle side over all trials, in scenes with few sides.
 _SECONDS_EACH = 4e-4
