@@ -1,4 +1,4 @@
-"""A test case: a scene, where is measured, what is true there, and the measurement."""
+"""A test case: a scene, the points to measure, their exact values, and the measurement."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from benchmarks.cie171.exact import Float64
 from glpath.film.image import luminance
 from glpath.film.units import conversion
 
-#: A value passes within this share of what is true, or within so many standard errors where these are not larger.
+#: A value may be off by this fraction of the exact one, or by this number of standard errors if those are small.
 TOLERANCE, ERRORS = 0.01, 3.0
-#: Paths of each copy of a point at first.
+#: Number of paths of the first round, for each copy of a point.
 _FIRST = 64
-#: What counts as 0, in truth and as measured: shares of the largest true value of the case. A shadow ray ends
-#: a little before the lamp, so that a lamp's edge shines through a wall that it touches.
+#: Limits below which an exact and a measured value count as 0, as fractions of the case's largest exact value.
+#: A shadow ray ends a little before the lamp, so a lamp's edge shines through a wall that it touches.
 _DARK, _MEASURED_DARK = 1e-6, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One scene of a test case, and the points that are measured in it.
+    """One scene of a test case, and the points to measure in it.
 
-    number  : of the report, such as 5.9
-    variant : which of its scenes
-    scene   : what `glpath.irradiance` takes, of unit "photometric"
-    points  : (N, 3), with their normals (N, 3)
-    names   : of the values, as the report has them
-    exact   : (M,) what is true, in `unit`
-    sum     : (M, N) of the points' illuminances that each value is; None for the illuminances themselves
-    sky     : 1 to 16, 0 without one
-    copies  : of each point, each by paths of its own
+    number  : number of the case in the report, such as 5.9
+    variant : name of the scene among those of the case
+    scene   : description of a scene for `glpath.irradiance`, with unit "photometric"
+    points  : (N, 3); their normals are (N, 3)
+    names   : names of the values, as in the report
+    exact   : (M,) exact values, in `unit`
+    sum     : (M, N) weights of the points' illuminances in each value; None: the values are the illuminances
+    sky     : number of the sky, 1 to 16; 0: no sky
+    copies  : number of copies of each point, each of which gets other paths
     """
 
     number: str
@@ -56,10 +56,10 @@ class Case:
         return f"{self.number}, {self.variant}" + (f", sky {self.sky}" if self.sky else "")
 
     def measured(self, target: float = 0.003, limit: int = 4096, seed: int = 171) -> Measured:
-        """What `glpath.irradiance` finds, by ever more paths.
+        """Measure with `glpath.irradiance`, doubling the number of paths until the error is small enough.
 
-        target : the largest relative standard error that is enough
-        limit  : paths of each copy of a point at most
+        target : largest relative standard error to accept
+        limit  : largest number of paths for each copy of a point
         """
         points, normals = (np.repeat(each, self.copies, axis=0) for each in (self.points, self.normals))
         spp, film = _FIRST, None
@@ -84,7 +84,7 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """The values of a case by independent batches of path sets, as many in each.
+    """The values of a case, from independent batches of equally many path sets.
 
     batches : (B, M)
     """
@@ -94,40 +94,44 @@ class Measured:
 
     @cached_property
     def values(self) -> Float64:
-        """(M,)."""
+        """Return (M,) means over the batches."""
         return np.asarray(self.batches.mean(axis=0))
 
     @cached_property
     def errors(self) -> Float64:
-        """(M,) one standard error of each value."""
+        """Return (M,) standard errors of the values."""
         return np.asarray(self.batches.std(axis=0, ddof=1) / np.sqrt(len(self.batches)))
 
     @property
     def lit(self) -> NDArray[np.bool_]:
-        """(M,) where there is light in truth."""
+        """Return (M,) booleans: whether the exact value is above 0."""
         return np.asarray(self.case.exact > _DARK * self.case.exact.max())
 
     @property
     def largest_error(self) -> float:
-        """Of one standard error, relative, where there is light."""
+        """Return the largest relative standard error of the values that are lit."""
         return float((self.errors[self.lit] / self.case.exact[self.lit]).max())
 
     @property
     def off(self) -> Float64:
-        """(M,) relative errors; where there is no light, relative to the largest value of the case."""
+        """Return (M,) relative errors; those of dark values are relative to the largest value of the case."""
         whole = np.where(self.lit, self.case.exact, self.case.exact.max())
         return np.asarray((self.values - self.case.exact) / whole)
 
     @property
     def passes(self) -> NDArray[np.bool_]:
-        """(M,) within 1 %, or within three standard errors of at most 1 % each; in the dark, without light."""
+        """Return (M,) booleans: whether each value passes.
+
+        A lit value must be within 1 %, or within three standard errors of at most 1 % each. A dark value must be
+        measured as dark.
+        """
         exact, found, errors = self.case.exact, np.abs(self.values - self.case.exact), self.errors
         near = found <= TOLERANCE * exact
         chance = (errors <= TOLERANCE * exact) & (found <= ERRORS * errors)
         return np.asarray(np.where(self.lit, near | chance, self.values <= _MEASURED_DARK * exact.max()))
 
     def row(self) -> dict[str, Any]:
-        """Of a report: numbers with five digits."""
+        """Return a row of a report, with numbers of five digits."""
         lists = {"exact": self.case.exact, "value": self.values, "error": self.errors}
         return {
             "case": self.case.number,

@@ -1,13 +1,14 @@
 """Cases 5.9 to 5.14: the light of the sky, the ground and a mask, through an opening into a black room.
 
-All values are per cent of the illuminance of open ground. The ground reflects 0.3 of that. It is bright all over,
-and has no end. A mask is as bright all over, too. The report leaves its luminance open, so it is chosen here:
+All values are per cent of the illuminance of open ground. The ground has reflectance 0.3, is equally bright
+everywhere, and has no end. A mask is equally bright everywhere, too. The report leaves its luminance open, so it is
+chosen here:
 
-- 5.13, an overhang at the height of the ceiling: 0.05 of what open ground has, which the printed tables imply;
-- 5.14, a wall 6 m before the room: 0.3 of what an upright wall in the open has under a uniform sky.
+- 5.13, an overhang at the height of the ceiling: 0.05 of that of open ground, which the printed tables imply;
+- 5.14, a wall 6 m before the room: 0.3 of what an unobstructed upright wall receives under a uniform sky.
 
-A mask is measured twice, as what hides the sky and as what is bright: the sky component and the one reflected from
-outside, which the printed tables add. Both masks are as long as what the points see of them.
+A mask is measured twice: as an obstacle that hides the sky, and as a light. These give the sky component and the
+externally reflected component, which the printed tables add. Both masks extend as far as the points see them.
 
 Source: ISO 15469:2004 for the skies.
 """
@@ -43,9 +44,9 @@ from benchmarks.cie171.rooms import (
 )
 from glpath.scene import Environment
 
-#: Of the ground, of open ground's illuminance.
+#: Reflectance of the ground.
 GROUND = 0.3
-#: What an overhang and a wall before the room send, of open ground's illuminance.
+#: Exitance of an overhang and of a wall before the room, as fractions of open ground's illuminance.
 OVERHANG, WALL = 0.05, 0.3 * 0.5 * (1 + GROUND)
 #: Depths of the overhangs, heights of the walls and their distance, in metres.
 OVERHANGS, WALLS, DISTANCE = (0.5, 1.0, 2.0), (3.0, 6.0, 9.0), 6.0
@@ -53,17 +54,17 @@ ROOF_LIGHTS = (1.0, 4.0)
 #: Width, sill and height of the windows.
 WINDOWS = ((2.0, 1.0, 1.0), (4.0, 0.0, 3.0))
 
-#: Towards the sun: over the room, so that the wall with the points is lit, and before the window.
+#: Directions to the sun: behind, so that the sun lights the wall with the points, and before the window.
 _BEHIND = np.array([0.0, skies.SUN[1], skies.SUN[0]])
 _BEFORE = np.array([0.0, -skies.SUN[1], skies.SUN[0]])
-#: Of a map of the sky, where there is no description of one.
+#: Number of rows of a map of the sky, for skies that a scene file cannot describe.
 _ROWS = 256
 
 
 def roof_light(side: float, sky: int, glazed: bool = False) -> Case:
-    """5.9: points of the wall that faces the sun and of the floor, under an opening amid the ceiling.
+    """Return case 5.9: points on the wall that faces the sun and on the floor, under an opening amid the ceiling.
 
-    glazed : 5.10, with clear glass in it
+    glazed : put clear glass into the opening, which makes it case 5.10
     """
     low, high = 2 - side / 2, 2 + side / 2
     opening = Rectangle.of([low, low, 3], [[side, 0, 0], [0, side, 0]])
@@ -82,9 +83,11 @@ def roof_light(side: float, sky: int, glazed: bool = False) -> Case:
 
 
 def window(size: tuple[float, float, float], sky: int, glazed: bool = False) -> Case:
-    """5.11: points of the wall opposite, the floor and the ceiling; these are lit by the ground alone.
+    """Return case 5.11: points on the wall opposite the window, on the floor and on the ceiling.
 
-    glazed : 5.12, with clear glass in it
+    Only the ground lights the points on the ceiling.
+
+    glazed : put clear glass into the window, which makes it case 5.12
     """
     opening = opening_of(size)
     points, normals = facing((upright(4.0), SOUTH), (level(depths=_INWARDS), UP), (level(3.0, _INWARDS), DOWN))
@@ -106,25 +109,26 @@ def window(size: tuple[float, float, float], sky: int, glazed: bool = False) -> 
 
 
 def overhang(depth: float, sky: int) -> Case:
-    """5.13: points of the floor, behind the smaller window, above which an overhang goes out from the ceiling.
+    """Return case 5.13: points on the floor behind the smaller window, which has an overhang at ceiling height.
 
-    sky : 0 for the light of the overhang alone
+    sky : 0: no sky, only the light of the overhang
     """
-    # As far to both sides as a point sees it through the window, and some more.
+    # The mask extends to both sides as far as a point sees it through the window, and a little more.
     reach = 1.0 + 1.5 * (_NEAREST + depth) / _NEAREST
     mask = Rectangle.of([2 - reach, -depth, 3.0], [[0, depth, 0], [2 * reach, 0, 0]])
 
     def hidden(at: Float64) -> tuple[float, float]:
-        # A ray is at the height of the ceiling, 3 m, so far out where it is so high in the window.
+        # The overhang's outer edge, at the height of the ceiling, 3 m, hides what is above this height in the
+        # window.
         return float(3.0 * at[1] / (at[1] + depth)), np.inf
 
     return _masked(("5.13", f"overhang {depth:g} m"), sky, mask, OVERHANG * 100 / np.pi, hidden)
 
 
 def wall(height: float, sky: int) -> Case:
-    """5.14: the same points, before which is a wall 6 m from the room.
+    """Return case 5.14: the points of case 5.13, with a wall 6 m from the room.
 
-    sky : 0 for the light of the wall alone
+    sky : 0: no sky, only the light of the wall
     """
     reach = 1.0 + 1.5 * (_NEAREST + DISTANCE) / _NEAREST
     mask = Rectangle.of([2 - reach, -DISTANCE, 0.0], [[0, 0, height], [2 * reach, 0, 0]])
@@ -136,28 +140,28 @@ def wall(height: float, sky: int) -> Case:
 
 
 def cases(which: Sequence[int] = skies.SKIES) -> Iterator[Case]:
-    """All of them, under these skies."""
+    """Yield all cases under the given skies."""
     for make, variants, own_light in _FAMILIES:
         for variant in variants:
             for sky in (*which, 0) if own_light else which:
                 yield make(variant, sky)
 
 
-# The parts.
+# Parts of the cases.
 
-#: From the wall opposite the window to it, as the report counts.
+#: Distances of points from the window, from the largest to the smallest, in the order of the report.
 _INWARDS = np.arange(3.75, 0.0, -0.5)
 _NEAREST = 0.25
 
 
 def opening_of(size: tuple[float, float, float]) -> Rectangle:
-    """A window in the wall at y = 0: its normal is inwards, and its second edge goes up."""
+    """Return a window in the wall at y = 0: its normal points inwards, and its second edge points up."""
     width, sill, height = size
     return Rectangle.of([2 + width / 2, 0, sill], [[-width, 0, 0], [0, 0, height]])
 
 
 def room_with(opening: Rectangle) -> list[Shape]:
-    """The room with a window."""
+    """Return the walls of the room with a window."""
     width, height, depth = ROOM[0], ROOM[2], 0.0
     left, sill = opening.corner[0] + opening.edges[0, 0], opening.corner[2]
     hole = (sill / height, (sill + opening.edges[1, 2]) / height, left / width, opening.corner[0] / width)
@@ -166,7 +170,7 @@ def room_with(opening: Rectangle) -> list[Shape]:
 
 
 def with_glass(described: dict[str, Any], opening: Rectangle | None) -> dict[str, Any]:
-    """The same with clear glass in an opening."""
+    """Return the description with clear glass in an opening."""
     if opening is None:
         return described
     materials = described["materials"] | {"glass": glass.MATERIAL}
@@ -174,18 +178,18 @@ def with_glass(described: dict[str, Any], opening: Rectangle | None) -> dict[str
 
 
 def behind_glass(radiance: Radiance, axis: int) -> Radiance:
-    """What is seen through glass across an axis."""
+    """Return the radiance that is seen through glass perpendicular to an axis."""
     return lambda directions: radiance(directions) * glass.transmittance(np.abs(directions[:, axis]))
 
 
 def seen(at: Float64, opening: Rectangle, *heights: float) -> list[Rectangle]:
-    """The parts of a window where a point sees sky or ground alone, divided at heights besides."""
+    """Divide a window into parts through which a point sees only sky or only ground, and at the given heights."""
     low, high = opening.corner[2], opening.edges[1, 2]
     return opening.divided([(z - low) / high for z in (at[2], *heights) if np.isfinite(z)])
 
 
 def strip(at: Float64, normal: Float64, part: Rectangle, radiance: Radiance) -> float:
-    """The light through a part of a window, which is of the sky or of the ground."""
+    """Return the irradiance through a part of a window that shows only sky or only ground."""
     if part.corner[2] + 0.5 * part.edges[1, 2] > at[2]:
         return through(at, normal, part, radiance)
     return GROUND * 100 / np.pi * float(lambert(at[None], normal[None], part.corners)[0])
@@ -194,7 +198,7 @@ def strip(at: Float64, normal: Float64, part: Rectangle, radiance: Radiance) -> 
 def under(
     described: dict[str, Any], sky: int, sun: Float64, portals: Sequence[Rectangle], ground: float = 0.0
 ) -> Any:
-    """A scene under a sky, which is seen through portals, with 100 lx on open ground and a ground of its own."""
+    """Put a scene under a sky with portals, so that open ground receives 100 lx, and add a ground."""
     fields: dict[str, Any] = {"type": "cie", "cie_type": sky, "sun": sun.tolist(), "illuminance": 100.0}
     if sky == 16:
         zenith = 100 * 9 / (7 * np.pi)
@@ -211,7 +215,7 @@ def under(
 
 
 def _as_map(sky: Any) -> Environment:
-    """A sky of two colours as a map, cut at the horizon."""
+    """Return a sky as a map, cut at the horizon, with the radiance of one azimuth in all columns."""
     theta = (np.arange(_ROWS) + 0.5) * (np.pi / _ROWS)
     radiance = sky.radiance(np.column_stack([np.sin(theta), np.zeros(_ROWS), np.cos(theta)]))
     return Environment(np.repeat(radiance[:, None], 4, axis=1).astype(np.float32), np.array(UP), cut=True)
@@ -224,7 +228,7 @@ def _masked(
     luminance: float,
     hidden: Callable[[Float64], tuple[float, float]],
 ) -> Case:
-    """5.13 and 5.14: of a point on the floor, the mask hides the window from a height to another one."""
+    """Return case 5.13 or 5.14: for a point on the floor, the mask hides the window between two heights."""
     opening = opening_of(WINDOWS[0])
     points, normals = facing((level(depths=_INWARDS), UP))
     radiance = skies.radiance(sky, _BEFORE) if sky else None
@@ -246,7 +250,7 @@ def _masked(
     return case if sky else replace(case, copies=1024)
 
 
-#: What makes a case, its variants, and whether a mask in it has light of its own.
+#: The function of each case, its variants, and whether the case has a mask with its own light.
 _FAMILIES: tuple[tuple[Callable[[Any, int], Case], tuple[Any, ...], bool], ...] = (
     (roof_light, ROOF_LIGHTS, False),
     (partial(roof_light, glazed=True), ROOF_LIGHTS, False),

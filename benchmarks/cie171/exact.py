@@ -1,7 +1,7 @@
-"""Exact irradiance: of diffuse polygons by a closed form, through openings by adaptive quadrature.
+"""Exact irradiance: of diffuse polygons in closed form, and through openings by adaptive quadrature.
 
 Cost:     about a millisecond for a polygon, some tens of milliseconds for an opening and a point.
-Poor at:  radiance with jumps inside an opening: divide it there first (`divided`).
+Poor at:  radiance that jumps inside an opening: divide it there first (`divided`).
 Source:   Lambert 1760, Photometria; Baum, Rushmeier & Winget 1989 for the form of the sum.
 """
 
@@ -16,10 +16,10 @@ from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike, NDArray
 
 Float64 = NDArray[np.float64]
-#: Of unit directions (N, 3), (N,).
+#: Function from unit directions (N, 3) to radiances (N,).
 Radiance = Callable[[Float64], Float64]
 
-#: Points along each side of a cell: the difference of both rules tells the error of the first.
+#: Points along each side of a cell, for two rules: their difference estimates the error of the first.
 _COARSE, _FINE = 8, 12
 _DEEPEST = 40
 
@@ -41,7 +41,7 @@ class Rectangle:
 
     @property
     def corners(self) -> Float64:
-        """(4, 3), around the outline."""
+        """Return (4, 3) corners, around the outline."""
         a, b = self.edges
         return np.array([self.corner, self.corner + a, self.corner + a + b, self.corner + b])
 
@@ -50,7 +50,7 @@ class Rectangle:
         return float(np.linalg.norm(np.cross(*self.edges)))
 
     def divided(self, shares: ArrayLike) -> list[Rectangle]:
-        """Strips along the second edge, from its shares in (0, 1) on; those outside do not divide it."""
+        """Cut into strips along the second edge, at fractions of it; those outside (0, 1) make no cut."""
         cuts = [0.0, *sorted(x for x in np.ravel(np.asarray(shares, np.float64)) if 1e-12 < x < 1 - 1e-12), 1.0]
         a, b = self.edges
         pairs = pairwise(cuts)
@@ -58,9 +58,11 @@ class Rectangle:
 
 
 def lambert(points: ArrayLike, normals: ArrayLike, corners: ArrayLike) -> Float64:
-    """(N,) pi times the view factors of a polygon from points (N, 3), all of it before them: of radiance 1.
+    """Return (N,) pi times a polygon's view factors from points (N, 3): its irradiances if its radiance is 1.
 
-    corners : (K, 3), around the outline, in whichever sense
+    The whole polygon must be before each point.
+
+    corners : (K, 3), around the outline, in either direction
     """
     to = np.asarray(corners, np.float64)[None] - np.asarray(points, np.float64)[:, None]
     to /= np.linalg.norm(to, axis=-1, keepdims=True)
@@ -75,20 +77,21 @@ def lambert(points: ArrayLike, normals: ArrayLike, corners: ArrayLike) -> Float6
 def through(
     point: ArrayLike, normal: ArrayLike, opening: Rectangle, radiance: Radiance, rtol: float = 1e-8
 ) -> float:
-    """The irradiance of one point through an opening, by the radiance of what is seen there.
+    """Return the irradiance of one point through an opening, for the radiance that is seen there.
 
-    point, normal : (3,); the opening lies before the point as a whole
-    rtol          : cells are halved until the difference of two rules, over all of them, is below this share
+    point, normal : (3,); the whole opening must be before the point
+    rtol          : cells are halved until the difference between two rules, summed over cells, is below this
+                    fraction
 
-    Cells are halved both ways where two Gauss-Legendre rules differ, so a kink, such as the middle of a corona, is
-    no harm.
+    A cell is halved along both edges if two Gauss-Legendre rules differ on it, so a kink, such as the middle of a
+    corona, does no harm.
     """
     at, facing = np.asarray(point, np.float64), np.asarray(normal, np.float64)
     a, b = opening.edges
     area = np.cross(a, b)
 
     def integrals(cells: Float64, n: int) -> Float64:
-        """(C,) of cells (C, 3): where they begin along both edges, and how wide they are, in shares."""
+        """Return (C,) integrals over cells (C, 3): start along both edges, and width, as fractions of the edges."""
         u, w = _rule(n)
         s = cells[:, 0, None, None] + cells[:, 2, None, None] * u[:, None]
         t = cells[:, 1, None, None] + cells[:, 2, None, None] * u
@@ -105,7 +108,7 @@ def through(
         fine = integrals(cells, _FINE)
         error = np.abs(fine - integrals(cells, _COARSE))
         whole = max(whole, total + float(fine.sum()))
-        # The coarse rule's error bounds that of the fine one, which counts.
+        # The difference bounds the error of the fine rule, whose result is used.
         good = error <= rtol * whole * np.maximum(cells[:, 2] ** 2, 1e-3)
         total += float(fine[good].sum())
         rest = cells[~good]
@@ -120,6 +123,6 @@ def through(
 
 
 def _rule(n: int) -> tuple[Float64, Float64]:
-    """(n,) nodes and weights of Gauss and Legendre on [0, 1]."""
+    """Return (n,) Gauss-Legendre nodes and weights on [0, 1]."""
     x, w = leggauss(n)
     return (x + 1) / 2, w / 2

@@ -1,10 +1,10 @@
 """Clear glass: the transmittance of a pane with all reflections between its faces, and case 5.5.
 
-The pane of 6 mm transmits 0.88 at normal incidence, with an index of 1.52: what the printed tables of 5.10 and 5.12
-have of 5.9 and 5.11 where light comes straight. The transmittances printed for 5.5, 0.96 at normal incidence, are
-those of one face, by Schlick's formula, and not these.
+The pane of 6 mm with index 1.52 transmits 0.88 at normal incidence: the ratio of the printed tables of 5.10 and
+5.12 to those of 5.9 and 5.11 if the light arrives perpendicularly. The transmittances printed for 5.5, 0.96 at
+normal incidence, are those of a single face, by Schlick's formula, and are not used.
 
-Source: Fresnel's formulas, for each polarization; the geometric series of a slab that is thick beside a wavelength.
+Source: Fresnel's formulas for each polarization; the geometric series of a slab much thicker than a wavelength.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ ANGLES = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
 
 
 def transmittance(cosine: ArrayLike) -> Float64:
-    """Of unpolarized light, by the cosine of the angle of incidence."""
+    """Return the transmittance for unpolarized light, given the cosine of the angle of incidence."""
     c = np.asarray(cosine, np.float64)
     inside = np.sqrt(1 - (1 - c * c) / INDEX**2)
-    # The glass' own transmittance across it, from that of the pane at normal incidence.
+    # The internal transmittance, perpendicular to the pane, from the pane's transmittance at normal incidence.
     r = ((INDEX - 1) / (INDEX + 1)) ** 2
     across = (np.sqrt((1 - r) ** 4 + 4 * r**2 * NORMAL**2) - (1 - r) ** 2) / (2 * r**2 * NORMAL)
     along = across ** (1 / inside)
@@ -37,7 +37,7 @@ def transmittance(cosine: ArrayLike) -> Float64:
 
 
 def directional() -> Case:
-    """5.5: a sun straight above panes that are turned by angles, and a point below each."""
+    """Return case 5.5: a sun straight above panes that are turned by angles, and a point below each pane."""
     panes, points = [], []
     for k, angle in enumerate(ANGLES):
         across = np.array([0.0, np.cos(np.radians(angle)), np.sin(np.radians(angle))])

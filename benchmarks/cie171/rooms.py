@@ -1,4 +1,4 @@
-"""What the scenes are made of: black walls with openings, and the points that all cases share."""
+"""Parts of the scenes: black walls with openings, and the points that several cases use."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from numpy.typing import ArrayLike
 from benchmarks.cie171.exact import Float64, Rectangle
 
 UP, DOWN, NORTH, SOUTH = [0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]
-#: Width, depth and height of the room of most cases, in metres, from the origin on. Openings are in the ceiling, or
-#: in the wall at y = 0.
+#: Width, depth and height of most cases' room, in metres; one corner is the origin. Openings are in the ceiling,
+#: or in the wall at y = 0.
 ROOM = (4.0, 4.0, 3.0)
-#: Where points are, in the middle plane x = 2: heights of A to F, and depths of eight points along the room.
+#: Positions of points in the middle plane x = 2: heights of A to F, and depths of eight points along the room.
 HEIGHTS, DEPTHS = np.arange(2.75, 0.0, -0.5), np.arange(0.25, 4.0, 0.5)
 
 Shape = dict[str, Any]
 
 
 def scene(shapes: Sequence[Shape], lights: Sequence[Shape] = (), **fields: Any) -> dict[str, Any]:
-    """The description of a scene in lumens and metres, z up."""
+    """Return the description of a scene in lumens and metres, with z up."""
     described = {
         "unit": "photometric",
         "camera": {"position": [2, -9, 2], "target": [2, 2, 1], "up": UP},
@@ -34,12 +34,12 @@ def scene(shapes: Sequence[Shape], lights: Sequence[Shape] = (), **fields: Any) 
 
 
 def quad(at: Rectangle, material: str = "black", **fields: Any) -> Shape:
-    """Its front is where the first edge crossed with the second points."""
+    """Return a quad; its front faces the cross product of the first and the second edge."""
     return {"type": "quad", "corners": at.corners.tolist(), "material": material, **fields}
 
 
 def walls(size: Sequence[float] = ROOM, without: Sequence[str] = (), material: str = "black") -> list[Shape]:
-    """Of a room from the origin on, all facing inwards."""
+    """Return the walls of a room, all of which face inwards; one corner is the origin."""
     x, y, z = np.diag(np.asarray(size, np.float64))
     every = {
         "floor": (0 * x, [x, y]),
@@ -53,7 +53,7 @@ def walls(size: Sequence[float] = ROOM, without: Sequence[str] = (), material: s
 
 
 def around(wall: Rectangle, hole: tuple[float, float, float, float]) -> list[Shape]:
-    """A black wall with a hole, from and to along each edge, in shares of it."""
+    """Return a black wall with a hole, whose start and end along each edge are fractions of the edge."""
     a, b = wall.edges
     a0, a1, b0, b1 = hole
     parts = [(0, a0, 0, 1), (a1, 1, 0, 1), (a0, a1, 0, b0), (a0, a1, b1, 1)]
@@ -65,28 +65,28 @@ def around(wall: Rectangle, hole: tuple[float, float, float, float]) -> list[Sha
 
 
 def upright(y: float = 0.0, heights: ArrayLike = HEIGHTS) -> Float64:
-    """(N, 3) points of a wall."""
+    """Return (N, 3) points on a wall."""
     return np.array([[2.0, y, z] for z in np.asarray(heights)])
 
 
 def level(z: float = 0.0, depths: ArrayLike = DEPTHS) -> Float64:
-    """(N, 3) points of the floor or the ceiling."""
+    """Return (N, 3) points on the floor or the ceiling."""
     return np.array([[2.0, y, z] for y in np.asarray(depths)])
 
 
 def facing(*groups: tuple[Float64, Sequence[float]]) -> tuple[Float64, Float64]:
-    """Points and their normals, of groups that face alike."""
+    """Concatenate groups of points; return the points and their normals. Each group has one normal."""
     points = np.concatenate([points for points, _ in groups])
     return points, np.concatenate([np.broadcast_to(normal, each.shape) for each, normal in groups])
 
 
 def letters(first: str, count: int, mark: str = "") -> tuple[str, ...]:
-    """Names of points, from a letter on."""
+    """Return names of points: successive letters."""
     return tuple(chr(ord(first) + k) + mark for k in range(count))
 
 
 def surface_grid(size: Sequence[float], n: int) -> tuple[Float64, Float64, Float64]:
-    """Points over all surfaces of a room, their normals and weights, which are areas, by Gauss and Legendre."""
+    """Return Gauss-Legendre points on all surfaces of a room, their normals, and their weights, which are areas."""
     u, w = leggauss(n)
     s, t = (each.ravel() for each in np.meshgrid((u + 1) / 2, (u + 1) / 2))
     weight = np.outer(w, w).ravel() / 4

@@ -1,10 +1,10 @@
 """The sixteen skies of cases 5.9 to 5.14: fifteen of ISO 15469, and 16, the traditional overcast sky.
 
-All make the same irradiance on open ground, so that what is measured in a room, in per cent of it, is the sky
-component. The sun stands at 60 degrees; its own light is no part of the cases.
+All give open ground the same irradiance, so the irradiance in a room, in per cent of it, is the sky component. The
+sun stands at 60 degrees; its direct light is no part of the cases.
 
-Source: ISO 15469:2004 (CIE S 011), here written from its equations, not by `glpath.scene.cie_sky`, which it checks;
-        Moon & Spencer 1942, Illumination from a nonuniform sky.
+Source: ISO 15469:2004 (CIE S 011), implemented here from its equations to check `glpath.scene.cie_sky`; Moon &
+        Spencer 1942, Illumination from a nonuniform sky.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SKIES = tuple(range(1, 17))
 #: Sine and cosine of the sun's elevation.
 SUN = (np.sin(np.radians(60.0)), np.cos(np.radians(60.0)))
 
-# Table 1 of the standard: six gradations (a, b), six indicatrices (c, d, e), and which of both a sky has.
+# Table 1 of the standard: six gradations (a, b), six indicatrices (c, d, e), and the pair of each sky.
 _GRADATION = ((4.0, -0.70), (1.1, -0.80), (0.0, -1.0), (-1.0, -0.55), (-1.0, -0.32), (-1.0, -0.15))
 _INDICATRIX = (
     (0.0, -1.0, 0.0),
@@ -35,7 +35,7 @@ _GROUPS = ("11", "12", "21", "22", "31", "32", "33", "34", "42", "43", "44", "54
 
 
 def relative(sky: int, directions: Float64, sun: Float64) -> Float64:
-    """(N,) luminance in directions (N, 3), z up, in the unit of the standard's phi(z) f(chi); 0 of the ground."""
+    """Return (N,) luminance in directions (N, 3), z up, as the standard's phi(z) f(chi); 0 below the horizon."""
     z = directions[:, 2]
     above = z > 0
     if sky == 16:
@@ -43,7 +43,7 @@ def relative(sky: int, directions: Float64, sun: Float64) -> Float64:
     a, b = _GRADATION[int(_GROUPS[sky - 1][0]) - 1]
     c, d, e = _INDICATRIX[int(_GROUPS[sky - 1][1]) - 1]
     phi = 1 + a * np.exp(b / np.where(above, z, 1.0))
-    # The angle by its sine and its cosine: an arccosine alone loses half of the digits near the sun.
+    # Compute the angle from its sine and cosine: an arccosine loses half of the digits near the sun.
     cosine = directions @ sun
     chi = np.arctan2(np.linalg.norm(np.cross(directions, sun), axis=1), cosine)
     f = 1 + c * (np.exp(d * chi) - np.exp(d * np.pi / 2)) + e * cosine**2
@@ -52,7 +52,7 @@ def relative(sky: int, directions: Float64, sun: Float64) -> Float64:
 
 @cache
 def on_open_ground(sky: int) -> float:
-    """The irradiance of open ground by `relative`: over the distance from the sun, and around it."""
+    """Integrate `relative` to the irradiance of open ground, over the angle from the sun and around the sun."""
     sine, cosine = SUN
     sun = np.array([cosine, 0.0, sine])
     u, w = leggauss(400)
@@ -74,9 +74,9 @@ def on_open_ground(sky: int) -> float:
 
 
 def radiance(sky: int, sun: Float64) -> Radiance:
-    """Of directions (N, 3), z up, for 100 on open ground.
+    """Return a function from directions (N, 3), z up, to radiance that gives open ground an irradiance of 100.
 
-    sun : (3,) unit, towards it
+    sun : (3,) unit direction to the sun
     """
     scale = 100.0 / on_open_ground(sky)
     return lambda directions: scale * relative(sky, directions, sun)
