@@ -1,4 +1,4 @@
-"""`python -m benchmarks figure`: a figure or table of the papers, made again."""
+"""`python -m benchmarks figure`: reproduces a figure or table of the papers."""
 
 from __future__ import annotations
 
@@ -63,5 +63,5 @@ def figure(
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the main program."""
     app.command("figure")(figure)

@@ -1,4 +1,4 @@
-"""Every figure by name: the function that makes it and a line on what it shows."""
+"""All figures by name: the function that makes each, and a line that describes it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the pixels of a picture show: where, which shapes and which elements of a radiosity solution."""
+"""The points, shapes and elements of a radiosity solution that a picture's pixels show."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ShownHits(EyeHits):
-    """`EyeHits`, asked for what they are of."""
+    """`EyeHits` with their positions, shapes and elements."""
 
     @property
     def position(self) -> Float64:
-        """(H, W, k * k, 3): where the rays end; NaN where they meet nothing."""
+        """Return (H, W, k * k, 3) points that the rays hit; NaN for rays that hit nothing."""
         c = self.scene.triangles[self.triangle]
         b = self.barycentric[..., None]
         along, across = c[..., 1, :] - c[..., 0, :], c[..., 2, :] - c[..., 0, :]
@@ -29,22 +29,22 @@ class ShownHits(EyeHits):
 
     @property
     def reflecting(self) -> NDArray[np.bool_]:
-        """(H, W): pixels that show neither a lamp nor what lies beyond the scene, nor do their neighbours."""
+        """Return (H, W) booleans: whether a pixel and its neighbours show neither a lamp nor the background."""
         lamps = np.array([shape.emits for shape in self.scene.shapes])
         lamp = np.append(lamps[self.scene.triangle_shape], True)
         return _inner(np.logical_not(lamp[self.triangle].any(axis=2)))
 
     def only(self, shape: str) -> NDArray[np.bool_]:
-        """(H, W): pixels that show the shape of that name alone, as do their neighbours."""
+        """Return (H, W) booleans: whether a pixel and its neighbours show only the named shape."""
         return _inner(self.shape(shape).all(axis=2))
 
     def shape(self, name: str) -> NDArray[np.bool_]:
-        """(H, W, k * k): rays that meet the shape of that name."""
+        """Return (H, W, k * k) booleans: whether a ray hits the named shape."""
         names = [shape.name for shape in self.scene.shapes]
         return np.asarray(np.append(self.scene.triangle_shape, -1)[self.triangle] == names.index(name))
 
     def element(self, solution: RadiositySolution) -> NDArray[np.int64]:
-        """(H, W): the element that all rays of a pixel meet; -1 where they differ."""
+        """Return (H, W) the element that all rays of a pixel hit; -1 if they hit several."""
         t = self.triangle.ravel()
         b = self.barycentric.reshape(-1, 2)
         n = solution.divisions.astype(np.int64)[t]
@@ -56,7 +56,10 @@ class ShownHits(EyeHits):
 
 
 def _inner(pixels: ArrayLike) -> NDArray[np.bool_]:
-    """The pixels whose neighbours are among them: a render's rays go nearer to a pixel's edge than those here."""
+    """Return the pixels whose neighbours are all in the set, too.
+
+    This leaves a margin, because a render's rays go nearer to a pixel's edge than these.
+    """
     from scipy.ndimage import binary_erosion  # slow to import
 
     return np.asarray(binary_erosion(pixels, np.ones((3, 3)), border_value=1))

@@ -1,4 +1,4 @@
-"""How much of a radiosity mesh can be seen in a picture."""
+"""Visibility of a radiosity mesh in a picture."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from glpath.scene.model import Float64
 
 
 def mesh_step(picture: Float64, hits: ShownHits, solution: RadiositySolution) -> float:
-    """By how much more a picture changes from pixel to pixel where an element ends than within elements.
+    """Return how much more a picture changes between pixels across an element's edge than within elements.
 
-    The mean of |difference| / sum of luminance over pixels two apart on one plane of one shape: of those with an
-    element's edge between them, less that of those within one element. A mesh shows as steps; light without one
-    does not know of its edges, and gives next to nothing.
+    For two pixels of a plane of one shape with one pixel between them, take |difference| / sum of their luminances.
+    The result is its mean over pairs across an edge, minus its mean over pairs within an element. A visible mesh
+    makes steps; light that does not depend on the mesh gives almost 0.
     """
     scene = hits.scene
     seen = luminance(picture)

@@ -1,17 +1,18 @@
-"""A room as a model: `parlour` by path tracing and by the gather, beside Mitsuba 3, in the same time.
+"""A room as a model: `parlour` by path tracing, by the gather, and by Mitsuba 3, all in the same time.
 
-No figure of a paper. The scene is written as a .glb and read again, as a user's own model is; Mitsuba gets what
-`glpath export` makes of that. All take as many samples as fit into the time that the gather needs with its
-radiosity solution; compilation is not counted. Time is that of all processors, which other programs on the machine
-hardly change. The error of each is to its own long reference (the gather's to path tracing's), and how far these
-are apart is told beside it.
+No figure of a paper. The scene is written as .glb and read again, like a user's model; Mitsuba gets what `glpath
+export` makes of that. Each program takes as many samples as fit into the time of the gather with its radiosity
+solution; compilation is not counted. Time is processor time, which other programs on the machine hardly change. Our
+errors are against a long run of path tracing, Mitsuba's against a long run of its own. The difference between the
+references is reported, too.
 
-What shines over a diffuse base is left off, and panes do not reflect: Mitsuba has neither as glTF has it. Its
-principled surface, for one, loses nothing of its base to what it reflects, which made its picture of the room
-lighter, the ceiling by 15 %. The rest is there: textures, normal maps, metal, glass, a mirror, light by a window.
+Coats over a diffuse base are removed, and panes do not reflect, because Mitsuba's models of them differ from
+glTF's. For example, the base of its principled BSDF loses none of the light that the coat reflects, which made
+Mitsuba's picture lighter, the ceiling by 15 %. The rest stays: textures, normal maps, metal, glass, a mirror,
+window light.
 
-Fireflies, paths that find a lamp by way of glass or metal by chance, would be most of anyone's error: errors are
-told with the worst thousandth of the pixels left out as well.
+Fireflies, paths that happen to hit a lamp after glass or metal, would be most of the error of every program, so the
+errors are also reported without the worst thousandth of the pixels.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ _BATCH = 256  # of Mitsuba's samples at a time
 
 
 def model_room(scale: float, say: Say) -> Outcome:
-    """At scale S pictures of sqrt(S) times the width, and S times the samples."""
+    """Make the figure. Scale S multiplies the pictures' width by sqrt(S), and the samples by S."""
     width = max(32, round(_WIDTH * math.sqrt(scale) / 8) * 8)
     sets, many = max(4, round(_GATHER_SETS * scale)), max(32, round(_REFERENCE * scale))
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
@@ -65,7 +66,7 @@ def model_room(scale: float, say: Say) -> Outcome:
     theirs = _mitsubas(peer, many, 1000)
     say(f"gather: {sets} path sets")
     _gather(scene, 1)
-    # Of a scene of which nothing is known yet: the means of its textures are a part of the solution.
+    # Render a new copy of the scene, because its cached texture means are part of the time of the solution.
     gathered, budget = _timed(lambda: _gather(replace(scene), sets))
     path, path_sets, path_s = _within(budget, lambda count: _ours(scene, count))
     say(f"path tracing: {path_sets} path sets in {path_s:.1f} s of {budget:.1f} s")
@@ -105,13 +106,13 @@ def model_room(scale: float, say: Say) -> Outcome:
 
 
 def _as_model(folder: Path, width: int) -> Scene:
-    # Its numbers are called candela, so that they leave as they are: errors count from a radiance on.
+    # In photometric units the export keeps the numbers. The error measure depends on them: it has a threshold.
     export(replace(load_scene("parlour"), unit="photometric"), folder / "parlour.glb")
     return load_scene(folder / "parlour.glb").with_camera(resolution=(width, 3 * width // 4))
 
 
 def comparable(scene: Scene) -> Scene:
-    """The scene of materials that glTF and Mitsuba have alike."""
+    """Reduce the materials to those that glTF and Mitsuba define equally."""
 
     def alike(material: Material) -> Material:
         material = replace(material, multiple_scattering=False)
@@ -124,7 +125,7 @@ def comparable(scene: Scene) -> Scene:
 
 
 def _ours(scene: Scene, count: int, first: int = 0) -> Float64:
-    # As Mitsuba's paths do from the fifth segment on: half of the error of the same time here.
+    # Mitsuba's roulette starts at the fifth segment, too; here it halves the error of the same time.
     return render(scene, spp=count, first_path_set=first, max_depth=DEPTH, roulette=4).mean
 
 
@@ -139,14 +140,14 @@ def _mitsubas(peer: Any, count: int, seed: int) -> Float64:
 
 
 def _timed(make: Callable[[], Float64]) -> tuple[Float64, float]:
-    """A picture, and the seconds of all processors that it took."""
+    """Return a picture and the processor seconds that it took."""
     start = time.process_time()
     image = make()
     return image, time.process_time() - start
 
 
 def _within(budget: float, make: Callable[[int], Float64]) -> tuple[Float64, int, float]:
-    """As many samples as fit into the seconds: the picture, their number and what they took."""
+    """Return a picture of as many samples as fit into the seconds, their number, and the seconds that they took."""
     make(8)
     _, taken = _timed(lambda: make(8))
     count = max(8, int(8 * budget / taken))

@@ -1,11 +1,10 @@
-"""One model by one program, in a process of its own, whose time and memory are that model's alone.
+"""Renders one model with one program in a separate process, so that time and memory are those of the model alone.
 
     python -m benchmarks.figures.model_worker < ASKED
 
-ASKED is JSON: {"program": "glpath", "file": "model.glb", "side": 160, "spp": 64, "max_depth": 8,
-"folder": "/tmp/a"}. The last line of standard output is the answer. glpath reads the model and renders it, writes
-FOLDER/glpath.npy and exports what it has read to FOLDER/scene.xml; "mitsuba" renders that and writes
-FOLDER/mitsuba.npy.
+ASKED is JSON: {"program": "glpath", "file": "model.glb", "side": 160, "spp": 64, "max_depth": 8, "folder":
+"/tmp/a"}. The last line of standard output is the answer. "glpath" reads the model, renders it to
+FOLDER/glpath.npy, and exports the scene to FOLDER/scene.xml; "mitsuba" renders that file to FOLDER/mitsuba.npy.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ def main() -> None:
 
 
 def ours(asked: dict[str, Any]) -> dict[str, Any]:
-    """What was read, rendered and said of it, or why not."""
+    """Return facts about the model and its picture, and the warnings, or the error."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
@@ -51,7 +50,7 @@ def ours(asked: dict[str, Any]) -> dict[str, Any]:
 def _rendered(asked: dict[str, Any]) -> dict[str, Any]:
     folder = Path(asked["folder"])
     start = time.perf_counter()
-    with aside("picture"):  # a white sky, which the other programs can be told
+    with aside("picture"):  # a white sky, which the other programs can have, too
         scene = load_scene(asked["file"])
     loaded = time.perf_counter() - start
     scene = scene.with_camera(resolution=(asked["side"], asked["side"]))

@@ -1,14 +1,14 @@
-"""A contact sheet of models: every one that is found, rendered headless, beside what other programs make of it.
+"""A contact sheet of models: each is rendered by glpath and by other programs.
 
-No figure of a paper. GLPATH_MODELS names the folders (with ":" between them) in which models are looked for, and
-what lies below them; without it Debian's assimp-testmodels. Each is read and rendered in a process of its own,
-whose time and memory are that model's. Beside it stand two witnesses, where they are installed:
+No figure of a paper. GLPATH_MODELS names the folders (separated by ":") that are searched for models, with their
+subfolders; by default, the folder of Debian's assimp-testmodels. Each model is read and rendered in a separate
+process, which measures its time and memory. Two other programs render it, too, if they are installed:
 
-- Mitsuba 3 renders what glpath has read, from `glpath export`: it says whether the light is right;
-- Blender reads the file itself, and Cycles renders it from the same camera: it says whether the file is understood.
+- Mitsuba 3 renders the scene that glpath read, from `glpath export`: this checks the light;
+- Blender reads the file itself, and Cycles renders it from the same camera: this checks the reader.
 
-Both have the exposure of ours. How far a picture is from theirs is told in blocks of 8 x 8 pixels, so that noise
-hardly counts: the mean difference of blocks, over the mean.
+Their pictures get the exposure of ours. The difference between two pictures is the mean absolute difference of
+blocks of 8 x 8 pixels, divided by the mean, so that noise hardly counts.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ _BLANK = 235
 
 @dataclass
 class Shown:
-    """A model: its line in the table, and the pictures that there are, by the program's name."""
+    """A model: its row of the table, and the pictures by program."""
 
     row: dict[str, Any]
     pictures: dict[str, Float64] = field(default_factory=dict)
 
 
 def found() -> list[Path]:
-    """All models in the folders that GLPATH_MODELS names. Raises UsageError where there are none."""
+    """Find all models in the folders that GLPATH_MODELS names. Raises UsageError if there are none."""
     named = os.environ.get(FOLDERS)
     folders = [Path(each) for each in named.split(os.pathsep) if each] if named else [DEBIAN]
     for folder in folders:
@@ -76,7 +76,7 @@ def found() -> list[Path]:
 
 
 def contact_sheet(scale: float, say: Say) -> Outcome:
-    """All models; at scale S pictures of sqrt(S) times the side, and S times the paths."""
+    """Make the sheet of all models. Scale S multiplies the pictures' side by sqrt(S), and the paths by S."""
     files = found()
     side, spp = max(24, round(_SIDE * math.sqrt(scale) / 8) * 8), max(4, round(_SPP * scale))
     peers, notes = _peers()
@@ -99,7 +99,7 @@ def contact_sheet(scale: float, say: Say) -> Outcome:
 
 
 def _peers() -> tuple[tuple[str, ...], list[str]]:
-    """Which of the other programs are there, and notes on those that are not."""
+    """Return the other programs that are installed, and notes on those that are missing."""
     peers, notes = [], []
     for name, package, interpreter in (
         ("mitsuba", "mitsuba", sys.executable),
@@ -144,7 +144,7 @@ def _shown(file: Path, asked: dict[str, Any], peers: Sequence[str]) -> Shown:
 
 
 def _run(command: Sequence[str], asked: dict[str, Any]) -> dict[str, Any]:
-    """The answer of a worker; of one that died, or took too long, how it ended."""
+    """Return a worker's answer; if it died or took too long, a row that says so."""
     try:
         done = subprocess.run(
             command, input=json.dumps(asked), capture_output=True, text=True, timeout=_PATIENCE, check=False
@@ -160,7 +160,7 @@ def _run(command: Sequence[str], asked: dict[str, Any]) -> dict[str, Any]:
 
 
 def difference(ours: Float64, theirs: Float64) -> tuple[float, float]:
-    """Mean absolute difference of blocks over the mean, and the ratio of the means."""
+    """Return the mean absolute difference of blocks divided by the mean, and the ratio of the means."""
     side = len(ours) // _BLOCK * _BLOCK
     a, b = (
         image[:side, :side].reshape(side // _BLOCK, _BLOCK, side // _BLOCK, _BLOCK, 3).mean(axis=(1, 3))
@@ -200,7 +200,7 @@ def _sheet(every: Sequence[Shown], side: int, caption: str) -> Any:
         exposure = auto_exposure(each.pictures["glpath"])
         for name in programs:
             image = each.pictures.get(name)
-            # Of a name as much as its picture has room for.
+            # Cut the name to the width of its picture.
             title = Path(each.row["file"]).name[: max(8, side // 8)] if name == "glpath" else titles[name]
             panels.append((title, blank if image is None else tonemap(image, exposure)))
     if not panels:

@@ -1,4 +1,4 @@
-"""What a figure's function returns, and how it becomes files: NAME.png, NAME.json and NAME.csv."""
+"""The outcome of a figure, and its files: NAME.png, NAME.json and NAME.csv."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Rows = list[dict[str, Any]]
 
 @dataclass(frozen=True)
 class Outcome:
-    """A figure made again.
+    """A reproduced figure.
 
     report  : its claim, numbers and rows
     picture : (H, W, 3) uint8 sRGB, row 0 at the top
@@ -46,7 +46,7 @@ def judged(
     *,
     with_gl: bool,
 ) -> Outcome:
-    """The outcome whose verdict follows from `measured` by `rule`; `with_gl` says whether the device had a part."""
+    """Apply `rule` to `measured` and return the outcome. with_gl: the device took part, so record it."""
     said, holds = judge(claim, rule, measured)
     where, programs = "none; on the CPU", versions("glpath", "numpy", "numba", "matplotlib")
     if with_gl:
@@ -57,10 +57,10 @@ def judged(
 
 
 def write(outcome: Outcome, folder: Path) -> list[Path]:
-    """Write NAME.png and NAME.json into `folder`, and NAME.csv where the report has rows. Returns their paths.
+    """Write NAME.png and NAME.json into `folder`, and NAME.csv if the report has rows. Returns their paths.
 
-    Raises ImageError when the system refuses one of them, after all were tried; where it refuses all, they are in a
-    temporary folder, which the error names. A file is there whole or not at all.
+    Raises ImageError if any of them cannot be written, after trying all. If none can be written there, they go to a
+    temporary folder that the error names. Each file is complete or absent.
     """
     report = outcome.report
     text = {"Title": report.name, "Description": report.claim, "Software": "glpath"}
@@ -75,7 +75,7 @@ def write(outcome: Outcome, folder: Path) -> list[Path]:
 
 
 def as_csv(rows: list[dict[str, Any]]) -> str:
-    """A line of names, then a line for each row; a row may lack some of the columns."""
+    """Return a line of column names and a line for each row; a row may lack some of the columns."""
     columns = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, columns, lineterminator="\n")

@@ -1,7 +1,7 @@
 """Figures 5 to 10 of the path-buffer paper [PB]: its box by path tracing to depth 1, 2 and 3, by radiosity,
-gathered from that, and with a block of brushed metal in it.
+by a gather from the radiosity, and with a block of brushed metal.
 
-What a picture should be is told by Mitsuba's of the same depth; see `path_pictures` for what all of them share.
+Mitsuba's picture of the same depth is the reference; `path_pictures` has the parts that all figures share.
 """
 
 from __future__ import annotations
@@ -41,30 +41,30 @@ from glpath.scene.model import Float64, Material, Mesh, Shapes
 from glpath.scene.tessellate import with_projected_uv
 from glpath.system.reporting import duration
 
-# The block of figure 10; GGX's alpha is 0.2 across the brush, 0.49 along.
+# The block of figure 10: GGX's alpha is 0.2 across the brush strokes, 0.49 along them.
 _METAL = "large-box"
 _ROUGHNESS, _ANISOTROPY = 0.45, 0.6
 
 # Figures 5 to 7: path tracing
 
-#: Shapes of the box whose shading the paper points at: "in the shadows and on the front of the yellow box".
+#: Shapes of the box whose shading the paper mentions: "in the shadows and on the front of the yellow box".
 _PLACES = ("ceiling", "floor", "large-box", "small-box")
 
 
 def _places(hits: ShownHits, radiance: Float64) -> dict[str, float]:
-    """Mean radiance where each of the box's shapes is seen."""
+    """Return the mean radiance of the pixels that show each shape."""
     return {name: float(radiance[hits.only(name)].mean()) for name in _PLACES}
 
 
 def figure_5(scale: float, say: Say) -> Outcome:
-    """Depth 1: direct light only [PB figure 5]."""
+    """Make figure 5: depth 1, direct light only."""
     scene = scene_at(BOX, scale)
     hits = ShownHits.of(scene)
     found = traced(say, "path-buffer-5", hits, count(1024, scale), 1)
     places = _places(hits, found.radiance)
     measured = as_mitsuba(hits, found, stored_reference(BOX, 1)) | {
         "mean": found.mean,
-        # The ceiling hangs above the light, which shines downwards.
+        # The ceiling is above the light, which shines downwards.
         "ceiling_radiance": places["ceiling"],
         "unlit_share": unlit(hits, found.radiance),
         "seconds": found.seconds,
@@ -82,17 +82,17 @@ def figure_5(scale: float, say: Say) -> Outcome:
 
 
 def figure_6(scale: float, say: Say) -> Outcome:
-    """Depth 2: one bounce [PB figure 6]."""
+    """Make figure 6: depth 2, one bounce."""
     return _deeper("path-buffer-6", 2, scale, say)
 
 
 def figure_7(scale: float, say: Say) -> Outcome:
-    """Depth 3: two bounces [PB figure 7]."""
+    """Make figure 7: depth 3, two bounces."""
     return _deeper("path-buffer-7", 3, scale, say)
 
 
 def _deeper(name: str, depth: int, scale: float, say: Say) -> Outcome:
-    """Figures 6 and 7, beside all depths before."""
+    """Make figure 6 or 7, with all smaller depths for comparison."""
     scene = scene_at(BOX, scale)
     hits = ShownHits.of(scene)
     sets = count(1024, scale)
@@ -138,7 +138,7 @@ def _deeper(name: str, depth: int, scale: float, say: Say) -> Outcome:
 
 
 def figure_8(scale: float, say: Say) -> Outcome:
-    """Monte Carlo radiosity of the box on a coarse mesh, as it is [PB figure 8]."""
+    """Make figure 8: Monte Carlo radiosity of the box on a coarse mesh, shown directly."""
     scene = scene_at(BOX, scale)
     hits = ShownHits.of(scene)
     solution, seconds = solved(say, scene, scale)
@@ -163,7 +163,7 @@ def figure_8(scale: float, say: Say) -> Outcome:
     rule = (
         Condition("elements", "<=", 1.05 * BOX_ELEMENTS),
         Condition("mean_off", "<=", 0.05),
-        # Elements can be seen: at their edges the light changes by more than it does without them.
+        # Elements are visible: the light changes more at their edges than the reference does.
         Condition("mesh_step", ">=", 0.05),
         Condition("step_share_reference", "<=", 0.3),
     )
@@ -182,7 +182,7 @@ def figure_8(scale: float, say: Say) -> Outcome:
 
 
 def figure_9(scale: float, say: Say) -> Outcome:
-    """The gather from figure 8 [PB figure 9]."""
+    """Make figure 9: the gather from figure 8."""
     scene = scene_at(BOX, scale)
     hits = ShownHits.of(scene)
     solution, seconds = solved(say, scene, scale)
@@ -220,7 +220,7 @@ def figure_9(scale: float, say: Say) -> Outcome:
 
 
 def metal_box(scene: Scene) -> Scene:
-    """The box with its larger block of yellow brushed metal, its brush strokes upright."""
+    """Return the box with its larger block made of yellow brushed metal, with upright brush strokes."""
     metal = Material(
         "brushed",
         np.array([0.95, 0.72, 0.2]),
@@ -240,15 +240,15 @@ def metal_box(scene: Scene) -> Scene:
 
 
 def _off(radiance: Float64, reference: Float64) -> float:
-    """Root mean square of the difference of pixels (N, 3), over their mean: metal is too dark for relMSE."""
+    """Return the RMS difference of (N, 3) pixels divided by their mean, because metal is too dark for relMSE."""
     return float(np.sqrt(((radiance - reference) ** 2).mean()) / reference.mean())
 
 
 def figure_10(scale: float, say: Say) -> Outcome:
-    """The yellow box of brushed metal, depth 3, 4096 paths per pixel [PB figure 10].
+    """Make figure 10: the yellow box of brushed metal, depth 3, 4096 paths per pixel.
 
-    Held against the integrator "path", whose directions are chosen by the metal's lobe: another sampler, other
-    rays (a BVH's), and a box whose highlights shared directions meet by chance alone.
+    The reference is the integrator "path", which samples the metal's lobe and traces rays through a BVH. The shared
+    directions of the path-buffer hit the highlights of the metal only by chance.
     """
     scene = metal_box(scene_at(BOX, scale))
     hits = ShownHits.of(scene)
@@ -274,7 +274,7 @@ def figure_10(scale: float, say: Say) -> Outcome:
     rule = (
         Condition("mean_off", "<=", "mean_off_allowed"),
         Condition("metal_mean_off", "<=", "metal_mean_off_allowed"),
-        # That it wants more path sets: with as many it is noisier than all around it.
+        # The metal needs more path sets: with the same number it is noisier than the diffuse surfaces.
         Condition("off_metal_fewer", ">", "off_diffuse_fewer"),
         Condition("off_metal", "<", "off_metal_fewer"),
     )

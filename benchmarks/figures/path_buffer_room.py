@@ -1,6 +1,6 @@
-"""Figures 11 to 13 of the path-buffer paper [PB]: its room by radiosity, gathered from that, and by direct light.
+"""Figures 11 to 13 of the path-buffer paper [PB]: its room by radiosity, by a gather, and by direct light.
 
-What a picture should be is told by Mitsuba's of the same depth; see `path_pictures` for what all of them share.
+Mitsuba's picture of the same depth is the reference; `path_pictures` has the parts that all figures share.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from glpath.scene import Scene
 from glpath.scene.model import Float64
 from glpath.system.reporting import duration
 
-# Of one path set, whose one light point is on one of many lamps.
+# Noise of one path set, whose only light point is on one of many lamps.
 _NOISE = 3.0
 
 
 def figure_11(scale: float, say: Say) -> Outcome:
-    """The room with a Monte Carlo radiosity solution, as it is [PB figure 11]."""
+    """Make figure 11: the room with a Monte Carlo radiosity solution, shown directly."""
     scene = scene_at(ROOM, scale)
     hits = ShownHits.of(scene)
     (solution, seconds), (other, _) = (solved(say, scene, scale, seed) for seed in (0, 1))
@@ -85,20 +85,21 @@ def figure_11(scale: float, say: Say) -> Outcome:
 
 
 def _fronts(solution: RadiositySolution, scene: Scene) -> Float64:
-    """(E,) what each element's front reflects, the mean of the colours."""
+    """Return (E,) radiance that each element's front reflects, as the mean of the colours."""
     return np.asarray(solution.reflected(scene)[0].mean(axis=1))
 
 
 def _areas(solution: RadiositySolution, scene: Scene) -> Float64:
-    """(E,) area of each element."""
+    """Return (E,) area of each element."""
     n2 = solution.divisions.astype(float) ** 2
     return np.asarray(np.repeat(scene.areas / n2, solution.divisions.astype(int) ** 2))
 
 
 def _noise(a: RadiositySolution, b: RadiositySolution, scene: Scene) -> list[float]:
-    """Of two solutions, for each quarter of the elements by area: the error of one, root mean square over the mean.
+    """Return the relative RMS error of one solution for each quarter of the elements by area.
 
-    Two that are equally wrong differ by sqrt(2) times their error.
+    The error follows from the difference of the two solutions, which is sqrt(2) times as large if they are equally
+    wrong.
     """
     x, y = _fronts(a, scene), _fronts(b, scene)
     quarters = np.array_split(np.argsort(_areas(a, scene), kind="stable"), 4)
@@ -112,12 +113,12 @@ def _mean_difference(a: RadiositySolution, b: RadiositySolution, scene: Scene) -
 
 
 def figure_12(scale: float, say: Say) -> Outcome:
-    """The gather from figure 11 [PB figure 12]."""
+    """Make figure 12: the gather from figure 11."""
     scene = scene_at(ROOM, scale)
     hits = ShownHits.of(scene)
     solution, seconds = solved(say, scene, scale)
     found = gathered(say, "path-buffer-12", hits, count(4096, scale), solution)
-    # As many, from the same light points: what the two differ by has no noise of direct light.
+    # Trace as many path sets with the same light points, so that the difference has no noise of direct light.
     direct = traced(say, "direct light", hits, found.path_sets, 1)
     shown = hits.radiance(solution, "constant")
     reference = stored_reference(ROOM, ALL_BOUNCES)
@@ -129,7 +130,7 @@ def figure_12(scale: float, say: Say) -> Outcome:
         SAME[0],
         Condition("step_share", "<=", 0.1),
         Condition("relmse_share", "<=", 0.5),
-        # The paper gives no amount: any shadow.
+        # The paper gives no amount, so any shadow counts.
         Condition("post_shadow", "<", 1.0),
     )
     said = (
@@ -154,10 +155,10 @@ def figure_12(scale: float, say: Say) -> Outcome:
 
 
 def post_shadow(hits: ShownHits, indirect: Float64) -> float:
-    """Indirect light on the chimney behind the left post, over that beside it.
+    """Return the indirect light on the chimney behind the left post, divided by that beside the post.
 
-    Both are of one plaster, a hand's breadth apart, at the height of the post's shaft, in pixels that show nothing
-    else: beyond the plaster are bricks, which are darker.
+    Both places are on the same plaster, a hand's breadth apart, at the height of the post's shaft, in pixels that
+    show only plaster, because the bricks beyond it are darker.
     """
     x, y, _ = np.moveaxis(hits.position, -1, 0)
     post = POSTS[0]
@@ -172,7 +173,7 @@ def post_shadow(hits: ShownHits, indirect: Float64) -> float:
 
 
 def figure_13(scale: float, say: Say) -> Outcome:
-    """The room by direct light only [PB figure 13]."""
+    """Make figure 13: the room by direct light only."""
     scene = scene_at(ROOM, scale)
     hits = ShownHits.of(scene)
     direct = traced(say, "path-buffer-13", hits, count(1024, scale), 1)
@@ -192,7 +193,7 @@ def figure_13(scale: float, say: Say) -> Outcome:
     rule = (
         SAME[0],
         Condition("mean_all_off", "<=", 0.05),
-        # "Just how important": the paper gives no amount.
+        # The paper says only "just how important".
         Condition("indirect_share", ">=", 0.25),
         Condition("mostly_indirect", ">=", 0.25),
         Condition("unlit_share_all", "<=", 0.001),
