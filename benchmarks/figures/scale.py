@@ -1,15 +1,14 @@
-"""How the time of a path set grows with the number of triangles, from 36 to 5 million, beside Mitsuba 3.
+"""Growth of the time of a path set with the number of triangles, from 36 to 5 million, beside Mitsuba 3.
 
-No figure of a paper. The scenes are one family, in which what is seen stays the same: the Cornell box with
-fifteen balls of one size in place of its two boxes, which are tessellated ever finer (12 + 15 * 20 * 4^k
-triangles; the first scene is the box as it is, of 36). The balls show the same area whatever the number N of
-their triangles, so that the same share p of R rays meets them, and of N triangles a set meets about N (1 - exp(-p
-R / N)): nearly all of those that face the room while they are larger than the distance between rays, and never
-more than p R. What the eye alone sees of them is counted.
+No figure of a paper. The scenes show nearly the same picture: the Cornell box with fifteen equal balls instead of
+its two boxes. The balls are tessellated more and more finely (12 + 15 * 20 * 4^k triangles; the first scene is the
+original box, with 36). Their area stays the same, so the same fraction p of R rays hits them for any number N of
+triangles. A set hits about N (1 - exp(-p R / N)) triangles: nearly all that face the room while they are larger
+than the distance between rays, and never more than p R. The number of triangles that the eye sees is counted.
 
-Programs render the same scenes at the same depth, in turns. What comes before the first path set is told apart:
-the scene on the device and the BVH, or Mitsuba's loading, which builds its own. Scans draw every triangle for
-every direction; from where a set takes too long, they are left out of larger scenes.
+The programs render the same scenes at the same depth, in turns. The time before the first path set is reported
+separately: upload and BVH for ours, loading, which builds a BVH, for Mitsuba. Scans draw every triangle for every
+direction, so larger scenes skip them after a scene in which a set takes too long.
 """
 
 from __future__ import annotations
@@ -38,7 +37,8 @@ from glpath.scene import Scene
 from glpath.scene.model import Float64, Shape, Shapes
 from glpath.scene.tessellate import unit_sphere
 
-#: How often the balls' triangles are split; at last they are 4,915,200. At scale S, those of S times as many.
+#: Numbers of subdivisions of the balls' triangles; the largest gives 4,915,200. Scale S limits the triangles to S
+#: times that.
 FINENESS = (0, 1, 2, 3, 4, 5, 6, 7)
 DEPTH = 3
 SIDE = 256
@@ -49,19 +49,19 @@ _CENTRES = [
     for x, z in ((-0.65, -0.55), (0.05, -0.7), (0.65, -0.4), (-0.35, 0.15), (0.4, 0.35))
 ]
 _RADIUS = 0.22
-# From here on the fits: below, what does not depend on triangles is most of the time.
+# Fits use scenes with at least this many triangles: below, costs that do not depend on triangles dominate.
 _MANY = 1000
-# Seconds of a set from which scans are left out of larger scenes.
+# If a set of scans takes more seconds than this, larger scenes skip scans.
 _TOO_LONG = 8.0
-# Path sets of the mean, and Mitsuba's samples of one picture.
+# Number of path sets for the mean, and number of samples of one picture by Mitsuba.
 _SETS, _SAMPLES = 32, 9
 PROGRAMS = {"path": "path", "scans": "path-buffer", "mitsuba": "Mitsuba, LLVM"}
 
 
 def balls(fineness: int, side: int = SIDE) -> Scene:
-    """The Cornell box with fifteen balls in place of its boxes, 12 + 15 * 20 * 4^fineness triangles.
+    """Return the Cornell box with fifteen balls instead of its boxes: 12 + 15 * 20 * 4^fineness triangles.
 
-    They are flat, as programs differ in what smooth normals mean.
+    The balls have flat normals, because programs differ in the meaning of smooth ones.
     """
     box = load_scene("cornell-box-36").with_camera(resolution=(side, side))
     walls = [shape for shape in box.shapes if not shape.name.endswith("-box")]
@@ -74,7 +74,7 @@ def balls(fineness: int, side: int = SIDE) -> Scene:
 
 
 def scenes(scale: float) -> list[Callable[[], Scene]]:
-    """What makes each scene of the figure, small ones first; at least four."""
+    """Return functions that make the scenes of the figure, small ones first; at least four."""
     side = SIDE if scale >= 1 else max(32, round(SIDE * math.sqrt(scale)))
     most = scale * 4 ** FINENESS[-1]
     kept = [k for k in FINENESS if k < 3 or 4**k <= 1.01 * most]
@@ -83,7 +83,7 @@ def scenes(scale: float) -> list[Callable[[], Scene]]:
 
 
 class _Ours:
-    """One of our engines with a scene, and the seconds that it took to set up."""
+    """One of our engines with a scene, and the seconds of its set-up."""
 
     def __init__(self, scene: Scene, settings: PathSetSettings) -> None:
         self._gl = get_context().gl
@@ -91,7 +91,7 @@ class _Ours:
         self.setup_s = seconds_of(lambda: made.append(self._engine(scene, settings)), self._gl.finish)
         (self._engine_of_scene,) = made
         self._index = 0
-        self.first_s = self.seconds()  # compiles what is left to compile
+        self.first_s = self.seconds()  # compiles the remaining kernels and shaders
 
     def _engine(self, scene: Scene, settings: PathSetSettings) -> PathSetEngine:
         context = get_context()
@@ -103,19 +103,19 @@ class _Ours:
         ).prepare()
 
     def seconds(self) -> float:
-        """Of one path set."""
+        """Return the seconds of one path set."""
         taken = seconds_of(lambda: self._engine_of_scene.trace_path_set(self._index), self._gl.finish)
         self._index += 1
         return taken
 
     def mean(self) -> float:
-        """Of the picture, from the sets so far and, where they are quick, as many as are wanted."""
+        """Return the mean of the picture, after tracing the remaining path sets if they are fast."""
         while self._index < _SETS and self.first_s < 1:
             self.seconds()
         return float(self._engine_of_scene.take().mean()) / self._index
 
     def seen(self) -> int:
-        """How many triangles the eye sees."""
+        """Return the number of triangles that the eye sees."""
         numbers = self._engine_of_scene.seen()
         return len(np.unique(numbers[numbers >= 0]))
 
@@ -124,7 +124,7 @@ class _Ours:
 
 
 class _Mitsuba:
-    """Mitsuba with a scene, and the seconds that it took to load."""
+    """Mitsuba with a scene, and the seconds of its loading."""
 
     def __init__(self, scene: Scene) -> None:
         made: list[Any] = []
@@ -134,7 +134,7 @@ class _Mitsuba:
         self._image: Float64 = mitsuba_peer.render_peer(self._scene, self._spp, 1)
 
     def seconds(self) -> float:
-        """Of one sample of all pixels."""
+        """Return the seconds of one sample of all pixels."""
         timing = mitsuba_peer.time_to_render(self._scene, self._spp, DEPTH, repeats=1, warm=True)
         return float(timing.seconds[0]) / timing.spp
 
@@ -143,7 +143,7 @@ class _Mitsuba:
 
 
 def _row(scene: Scene, with_scans: bool, with_mitsuba: bool) -> dict[str, Any]:
-    """Triangles, seconds of a set of each program, of its set-up, and the pictures' means."""
+    """Return triangles, each program's seconds for a set and for set-up, and the means of the pictures."""
     path = _Ours(scene, PathSettings(max_depth=DEPTH))
     programs: dict[str, _Ours | _Mitsuba] = {"path": path}
     if with_scans:
@@ -164,7 +164,7 @@ def _row(scene: Scene, with_scans: bool, with_mitsuba: bool) -> dict[str, Any]:
 
 
 def exponent(rows: Rows, name: str, least: float = _MANY) -> float:
-    """p of time ~ N^p, by least squares in logarithms, from `least` triangles on; NaN of fewer than two scenes."""
+    """Fit p of time ~ N^p in logarithms, to scenes of at least `least` triangles; NaN for fewer than two scenes."""
     points = [(row["triangles"], row[name]) for row in rows if row[name] is not None and row["triangles"] >= least]
     if len(points) < 2:
         return math.nan
@@ -173,7 +173,7 @@ def exponent(rows: Rows, name: str, least: float = _MANY) -> float:
 
 
 def crossing(rows: Rows, a: str = "path_s", b: str = "scans_s") -> float:
-    """The triangles from which on `a` is the faster one in all scenes that both rendered; infinite for none."""
+    """Return the triangles from which on `a` is faster in all scenes that both rendered; infinity if none."""
     both = [row for row in rows if row[a] is not None and row[b] is not None]
     faster = math.inf
     for row in reversed(both):
@@ -184,7 +184,7 @@ def crossing(rows: Rows, a: str = "path_s", b: str = "scans_s") -> float:
 
 
 def figure_scale(scale: float, say: Say) -> Outcome:
-    """Time of a path set against the number of triangles."""
+    """Measure the time of a path set for growing numbers of triangles."""
     notes: list[str] = []
     try:
         mitsuba_peer.load_mitsuba()
@@ -223,11 +223,11 @@ def figure_scale(scale: float, say: Say) -> Outcome:
         "last_path_setup_s": last["path_setup_s"],
     }
     rule: tuple[Condition, ...] = (
-        # A BVH's depth is a logarithm: over a thousandfold number the power that fits it best is below a quarter.
+        # A BVH's depth is a logarithm: over a factor of 1000 in triangles, the best power is below a quarter.
         Condition("path_exponent", "<=", 0.25),
         Condition("scans_exponent", ">=", 0.5),
         Condition("path_faster_from", "<=", "most_triangles"),
-        # Sets of scans share their directions, and of large scenes there are few.
+        # The paths of a scan set share their directions, so few sets leave much noise, and large scenes get few.
         Condition("scans_mean_off", "<=", 0.1),
     )
     if peer:

@@ -1,7 +1,7 @@
-"""Figures 1 to 4 of the shaft paper [SC]: how a shaft is formed, and what it tells.
+"""Figures 1 to 4 of the shaft paper [SC]: how a shaft is formed, and how it classifies objects.
 
-Figures 1 to 4 are lost in the text of the paper, and are drawn from what it says of them: in 2D (a section, in
-which all boxes are equally deep) and in 3D. All that is drawn is read off `Shaft` and `candidate_list`.
+The copy of the paper lacks figures 1 to 4, so they are drawn after its text: in 2D (a section, in which all boxes
+have equal depth) and in 3D. All drawings use the data of `Shaft` and `candidate_list`.
 
 [SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", Eurographics Workshop on Rendering,
 1991.
@@ -69,12 +69,12 @@ def _shaft_rows(shaft: Shaft, name: str, a: str = "emitter", b: str = "receiver"
 
 
 def _edge(plane: Float64) -> str:
-    """The culled edge of a plane, such as "MIN_X--MAX_Y": its normal points there."""
+    """Return the culled edge of a plane, such as "MIN_X--MAX_Y", from the signs of its normal."""
     return "--".join(f"{'MAX' if plane[k] > 0 else 'MIN'}_{AXES[k]}" for k in range(3) if plane[k])
 
 
 def volume(planes: Float64) -> float:
-    """The volume inside of all planes, by pyramids from the origin over each face."""
+    """Return the volume inside all planes, as the sum of pyramids from the origin over the faces."""
     total = 0.0
     for plane, face in zip(planes, faces(planes), strict=True):
         if len(face):
@@ -85,11 +85,11 @@ def volume(planes: Float64) -> float:
 
 
 def farthest_gap(points: Float64, centres: Float64, steps: int = 400) -> Float64:
-    """(N,) how far each centre (N, 3) is from the convex hull of points (P, 3), from below; 0 inside.
+    """Return (N,) lower bounds of the distance of centres (N, 3) from the convex hull of points (P, 3); 0 inside.
 
-    A point of the hull comes nearer step by step [Gilbert 1966]. The vector between the two gives a plane that
-    has all of the hull on one side: the distance of the centre from the best such plane is what is returned, so it
-    is never too large.
+    A point of the hull approaches the centre iteratively [Gilbert 1966]. In each step, the vector between them
+    defines a plane that has the whole hull on one side. The result is the largest distance of the centre from such
+    a plane, so it is never too large.
     """
     nearest = np.repeat(points.mean(axis=0, keepdims=True), len(centres), axis=0)
     best = np.zeros(len(centres))
@@ -106,7 +106,7 @@ def farthest_gap(points: Float64, centres: Float64, steps: int = 400) -> Float64
 
 
 def _too_large(shaft: Shaft, count: int, seed: int = 1) -> float:
-    """By how much the shaft sticks out of the hull of its boxes, in any of so many directions; 0 for not at all."""
+    """Return the most by which the shaft exceeds its boxes' hull in `count` random directions; 0 if it fits."""
     hull = np.concatenate([box_corners(shaft.box_a), box_corners(shaft.box_b)])
     own = np.concatenate([f for f in faces(shaft_planes(shaft)) if len(f)])
     ways = np.random.default_rng(seed).normal(size=(count, 3))
@@ -118,7 +118,7 @@ def _too_large(shaft: Shaft, count: int, seed: int = 1) -> float:
 
 
 def figure_1(scale: float, say: Say) -> Outcome:
-    """Shaft formation: reference boxes, extent box with its culled edges, planes [SC, figure 1]."""
+    """Make figure 1: shaft formation with reference boxes, extent box with its culled edges, and planes."""
     emitter, receiver = np.array([1.4, 2.6, 0, 2.6, 3.2, 2.0]), np.array([0, 0, 0, 4.2, 0.8, 2.0])
     shaft = Shaft.between(emitter, receiver)
     deep = Shaft.between([1.4, 2.6, 0.7, 2.6, 3.2, 1.5], [0, 0, 0, 4.2, 0.8, 2.6])
@@ -132,7 +132,7 @@ def figure_1(scale: float, say: Say) -> Outcome:
     def extent(axes: Any) -> None:
         boxes(axes)
         flat_box(axes, shaft.extent, GREY, facecolor="none", linestyle=(0, (4, 3)), zorder=2)
-        # Each list beside the faces it is of.
+        # Write each list beside the faces in it.
         middle = (shaft.extent[:2] + shaft.extent[3:5]) / 2
         for listed, colour in ((shaft.faces_a, ORANGE), (shaft.faces_b, GREEN)):
             for face in listed:
@@ -197,14 +197,14 @@ PLATE_MIDDLE = ([0, 1.4, 0, 4, 1.6, 4], [1.5, 0, 1.5, 2.5, 3, 2.5])
 
 
 def _cut_shares(shaft: Shaft) -> Float64:
-    """The share of the extent box that each plane alone cuts off."""
+    """Return, for each plane, the fraction of the extent box that it alone cuts off."""
     box = box_planes(shaft.extent)
     whole = volume(box)
     return np.array([1 - volume(np.concatenate([box, p[None]])) / whole for p in shaft.planes])
 
 
 def figure_2(scale: float, say: Say) -> Outcome:
-    """Two shafts with eight planes: of one, four cut off little [SC, figure 2]."""
+    """Make figure 2: two shafts with eight planes; in one of them, four planes cut off little."""
     shafts = [Shaft.between(*boxes) for boxes in (PLATE_HIGH, PLATE_MIDDLE)]
     cuts = [_cut_shares(s) for s in shafts]
     top = [c[s.planes[:, 1] > 0] for s, c in zip(shafts, cuts, strict=True)]
@@ -212,7 +212,7 @@ def figure_2(scale: float, say: Say) -> Outcome:
     most = _most_planes(max(500, round(20_000 * scale)))
 
     def section(axes: Any, shaft: Shaft, cut: Float64) -> None:
-        """At the middle of z, where the planes along z are lines."""
+        """Draw the section through the middle of z, in which the planes along z are lines."""
         middle = (shaft.extent[2] + shaft.extent[5]) / 2
         held = np.concatenate([shaft_planes(shaft), [[0, 0, 1, -middle]]])
         outline = faces(held)[-1]
@@ -272,7 +272,7 @@ def figure_2(scale: float, say: Say) -> Outcome:
 
 
 def _most_planes(count: int) -> int:
-    """The largest plane set of so many pairs of boxes with corners on a small grid, where faces often agree."""
+    """Return the largest plane set of random pairs of boxes on a small grid, which often share planes."""
     rng = np.random.default_rng(2)
     ends = np.sort(rng.integers(0, 6, (count, 2, 2, 3)), axis=2).astype(float)
     return max(len(Shaft.between(a, b).planes) for a, b in ends)
@@ -292,7 +292,7 @@ OBJECTS = np.array(
     ]
 )
 EMITTER_3, RECEIVER_3 = np.array([1.4, 4.2, 0.0, 3.8, 4.7, 2.0]), np.array([0.6, 0.0, 0.0, 4.9, 0.6, 2.0])
-#: The paper's lists.
+#: Lists that the paper states.
 LISTS = {
     "always open": ("2", "3", "4", "5"),
     "keep closed": ("A", "B"),
@@ -307,7 +307,7 @@ def _union(boxes: Float64) -> Float64:
 
 
 def _scene_of_figure_3() -> tuple[Float64, Bvh]:
-    """The boxes of all nodes, and the BVH: object 1, A of 2 and 3, B of 4 to 6, all in the room's box."""
+    """Return the nodes' boxes and the BVH: the room's box contains object 1, A with 2 and 3, and B with 4 to 6."""
     a, b = _union(OBJECTS[1:3]), _union(OBJECTS[3:])
     room = _union(np.concatenate([OBJECTS, [EMITTER_3, RECEIVER_3]]))
     boxes = np.array([room, OBJECTS[0], a, OBJECTS[1], OBJECTS[2], b, *OBJECTS[3:]])
@@ -323,7 +323,7 @@ def _scene_of_figure_3() -> tuple[Float64, Bvh]:
 
 
 def figure_3(scale: float, say: Say) -> Outcome:
-    """Six objects in two boxes: the candidate list of each strategy [SC, figure 3]."""
+    """Make figure 3: six objects in two boxes, and the candidate list of each strategy."""
     boxes, bvh = _scene_of_figure_3()
     shaft = Shaft.between(EMITTER_3, RECEIVER_3)
     strategies = {
@@ -396,7 +396,7 @@ def figure_3(scale: float, say: Say) -> Outcome:
 
 
 def _rank(node: str) -> tuple[bool, str]:
-    """Boxes before objects, as the paper lists them."""
+    """Return a sort key that puts boxes before objects, as in the paper."""
     return node.isdigit(), node
 
 
@@ -404,7 +404,7 @@ def _rank(node: str) -> tuple[bool, str]:
 
 
 def figure_4(scale: float, say: Say) -> Outcome:
-    """A sphere that is called overlapping though it is outside; boxes never are [SC, figure 4]."""
+    """Make figure 4: a sphere outside the shaft that is classified as overlapping, which never happens to boxes."""
     light, receiver = np.array([0, 3, 0, 0, 3, 0.0]), np.array([-1, 0, -1, 1, 0.4, 1])
     shaft = Shaft.between(light, receiver)
     way = np.array([np.sin(0.63), np.cos(0.63), 0.0])
@@ -412,7 +412,8 @@ def figure_4(scale: float, say: Say) -> Outcome:
     sphere = int(shaft.classify_spheres(centre, [radius])[0])
     hull = np.concatenate([box_corners(light), box_corners(receiver)])
     gap = float(farthest_gap(hull, centre[None])[0])
-    # A box above the light: within the other faces of the extent box, and across all planes of the plane set.
+    # A box above the light: it is inside the other faces of the extent box, and straddles all planes of the plane
+    # set.
     above = np.array([-0.5, 3.08, -0.5, 0.5, 3.5, 0.5])
     box = int(shaft.classify(above[None])[0])
     separate = [
@@ -431,7 +432,7 @@ def figure_4(scale: float, say: Say) -> Outcome:
         flat_box(axes, shaft.extent, GREY, facecolor="none", linestyle=(0, (4, 3)), zorder=2)
         for plane in shaft.planes:
             if plane[2] == 0:
-                # Beyond the light, where the plane goes on without bounding anything.
+                # Beyond the light, the plane continues, but bounds nothing.
                 y = np.array([0.4, 3.9])
                 axes.plot(-(plane[1] * y + plane[3]) / plane[0], y, color=BLUE, linewidth=1.6, zorder=4)
         axes.plot([-1.6, 1.6], [3, 3], color=GREY, linestyle=(0, (4, 3)), linewidth=1)
@@ -498,12 +499,12 @@ def figure_4(scale: float, say: Say) -> Outcome:
 
 
 def _outline(shaft: Shaft) -> Float64:
-    """(n, 2): the section at z = 0."""
+    """Return (n, 2) corners of the section at z = 0."""
     return faces(np.concatenate([shaft_planes(shaft), [[0, 0, 1, 0]]]))[-1][:, :2]
 
 
 def _false_spheres(shaft: Shaft, count: int) -> tuple[int, int]:
-    """Of random spheres around a shaft: how many are called overlapping though outside, and how many in all."""
+    """Count random spheres that are called overlapping: those that are outside, and all."""
     rng = np.random.default_rng(4)
     low, high = shaft.extent[:3] - 1, shaft.extent[3:] + 1
     centres, radii = rng.uniform(low, high, (count, 3)), rng.uniform(0.05, 1.0, count)

@@ -1,4 +1,4 @@
-"""Shafts, boxes and spheres as drawings: a section in 2D, or in 3D, where the paper's Y is up, matplotlib's z."""
+"""Drawings of shafts, boxes and spheres: 2D sections, or 3D, in which the paper's Y is up, matplotlib's z."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ def flat_box(axes: Any, box: ArrayLike, colour: str, label: str = "", **style: A
     axes.add_patch(Rectangle((b[0], b[1]), b[3] - b[0], b[4] - b[1], **kind))
     if label:
         middle = (b[:3] + b[3:]) / 2
-        # Without a face, letters stand on white.
+        # Text in a box without fill is on white.
         ink = INK if kind["facecolor"] in ("none", "white") else "white"
         axes.text(middle[0], middle[1], label, color=ink, fontsize=10, ha="center", va="center", zorder=6)
 
 
 def frame(axes: Any, boxes: Float64, margin: float = 0.35) -> None:
-    """Limits around everything."""
+    """Set limits around all boxes."""
     low, high = boxes[:, :2].min(axis=0) - margin, boxes[:, 3:5].max(axis=0) + margin
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
 
 
 def flat_shaft(axes: Any, shaft: Shaft) -> None:
-    """The shaft's section, which is where all of its planes along Z are kept, and a line for each of these."""
+    """Draw the shaft's section, which its planes along Z bound, and a line for each of these planes."""
     from matplotlib.patches import Polygon
 
     planes = shaft_planes(shaft)
@@ -55,7 +55,7 @@ def flat_shaft(axes: Any, shaft: Shaft) -> None:
 
 
 def _up(points: Float64) -> Float64:
-    """x, z, y: of points (N, 3)."""
+    """Return x, z, y of points (N, 3)."""
     return points[:, [0, 2, 1]]
 
 
@@ -91,11 +91,11 @@ def look(axes: Any, boxes: Float64, zoom: float = 1.0, **view: float) -> None:
 
 
 def draw_shaft(axes: Any, shaft: Shaft, zoom: float = 1.0, **view: float) -> None:
-    """The two boxes, the extent box in dashes, the planes of the plane set, and between them the extent's faces."""
+    """Draw both boxes, the dashed extent box, the planes of the plane set, and the extent's faces between them."""
     planes = shaft_planes(shaft)
     look(axes, shaft.extent[None], zoom, **view)
     wire(axes, shaft.extent)
-    # From back to front: what is far behind the transparent planes has to be there first.
+    # Draw from back to front: what is behind transparent planes must come first.
     solid_planes(axes, box_planes(shaft.box_b), GREEN)
     solid_planes(axes, box_planes(shaft.box_a), ORANGE)
     solid_planes(axes, planes[:6], PALE, 0.25, GREY, linewidth=0.4)

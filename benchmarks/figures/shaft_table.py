@@ -1,4 +1,4 @@
-"""Table 1 of the shaft paper [SC]: what shafts save, by strategy, in the two offices.
+"""Table 1 of the shaft paper [SC]: savings by shafts, for each strategy, in the two offices.
 
 [SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", Eurographics Workshop on Rendering,
 1991.
@@ -18,8 +18,8 @@ _outcome = partial(judged, with_gl=False)
 
 
 def table_1(scale: float, say: Say) -> Outcome:
-    """Tests and time per ray of every strategy, low and high sampling, both offices [SC, table 1]."""
-    # Points of a mesh this far apart, metres; and so many of the ten lights.
+    """Make table 1: tests and time per ray for all strategies, both sampling rates and both offices."""
+    # Distance between points of a mesh, in metres, and number of the ten lights to use.
     spacing, lights = min(0.25 / scale, 2.0), max(1, round(10 * scale))
     rows = table_1_rows(spacing=spacing, rounds=max(1, round(5 * scale)), say=say, most_lights=lights)
     savings = savings_rows(spacing=spacing, most_lights=lights)

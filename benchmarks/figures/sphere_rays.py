@@ -1,9 +1,9 @@
-"""Rays and the spheres that they meet, counted in numpy: what the counters of the ray tracers are held against.
+"""Rays and the spheres that they hit, counted with numpy, to check the counters of the ray tracers.
 
-It shares nothing with the engines but the `Scene`: the textbook's formula, in float64.
+It shares only the `Scene` with the engines, and applies the textbook's formula in float64.
 
-Cost:     the pixels that spheres cover, and a sample of shadow rays times all spheres.
-Poor at:  anything but round spheres in front of the camera, and one point light.
+Cost:     in proportion to the pixels that spheres cover, and to a sample of shadow rays times all spheres.
+Poor at:  scenes other than round spheres in front of the camera with one point light.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from glpath.scene.model import Float64
 
 Int64 = NDArray[np.int64]
 
-_SAMPLE = 2000  # shadow rays, whose tests are counted
+_SAMPLE = 2000  # number of shadow rays whose tests are counted
 
 
 @dataclass(frozen=True)
 class SphereRays:
-    """Of a frame of one ray through the centre of every pixel.
+    """Counts for a frame with one ray through the centre of each pixel.
 
-    primary_tests : of the classical algorithm, every ray against every sphere
-    hits          : pairs of a ray and a sphere that it meets: what has to be tested in any case
-    shadow_rays   : one for each pixel that sees a side that faces the light
-    shadowed      : of these, how many meet a sphere on their way, and
-    shadow_tests  : of the classical algorithm, where the first sphere that is found ends a ray's search; both are
-                    estimated from a sample of the rays
-    nearest       : (H, W) the sphere that each pixel sees, -1 for none
+    primary_tests : tests of the classical algorithm: every ray against every sphere
+    hits          : pairs of a ray and a sphere that it hits; every algorithm must test these
+    shadow_rays   : number of pixels that see a side that faces the light
+    shadowed      : number of these whose shadow ray hits a sphere, estimated from a sample
+    shadow_tests  : tests of the classical algorithm, which ends a ray's search at the first sphere that it finds;
+                    estimated from the same sample
+    nearest       : (H, W) sphere that each pixel sees, -1 for none
     """
 
     nearest: Int64
@@ -43,7 +43,7 @@ class SphereRays:
 
     @property
     def tests_ratio(self) -> float:
-        """Tests of the classical algorithm over those of one that shoots no primary ray in vain."""
+        """Return the tests of the classical algorithm divided by those of one without useless primary tests."""
         return (self.primary_tests + self.shadow_tests) / (self.hits + self.shadow_tests)
 
     @classmethod
@@ -65,7 +65,7 @@ class SphereRays:
 
 
 def _met(scene: Scene, centres: Float64, radii: Float64) -> tuple[int, Int64, Float64]:
-    """How many pairs meet, and (H, W) the nearest sphere of each pixel, -1 for none, and its t."""
+    """Return the number of pairs that hit, and for each pixel (H, W) the nearest sphere, -1 for none, and its t."""
     camera = scene.camera
     rays = camera.rays()
     nearest, t = np.full(rays.shape[:2], -1), np.full(rays.shape[:2], np.inf)
@@ -75,7 +75,7 @@ def _met(scene: Scene, centres: Float64, radii: Float64) -> tuple[int, Int64, Fl
     for i, (centre, radius) in enumerate(zip(centres - camera.position, radii, strict=True)):
         depth, reach = centre @ forward, float(np.linalg.norm(centre))
         assert depth > radius, f"sphere {i} reaches to the camera"
-        # Pixels of a square around it, far too large rather than too small.
+        # Test the pixels of a square around the sphere, which is always large enough.
         extent = 2 * camera.focal * radius * reach / (depth - radius) ** 2 + 2
         x = width / 2 + camera.focal * (centre @ right) / depth
         y = height / 2 - camera.focal * (centre @ up) / depth
@@ -95,7 +95,7 @@ def _met(scene: Scene, centres: Float64, radii: Float64) -> tuple[int, Int64, Fl
 
 
 def _first_met(position: Float64, to_light: Float64, own: int, centres: Float64, radii: Float64) -> int:
-    """The first sphere, in their order, that stands on the way to the light; -1 for none. Its own never does."""
+    """Return the first sphere, in their order, between the point and the light, other than its own; -1 for none."""
     distance = np.linalg.norm(to_light)
     way, from_here = to_light / distance, centres - position
     along = from_here @ way

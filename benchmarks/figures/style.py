@@ -1,7 +1,7 @@
-"""How figures look: one page for all plots and picture panels, legible on a screen and in print.
+"""Style of figures: one page for plots and panels of pictures, legible on a screen and in print.
 
-A plot has one axis pair, names with units, and a caption of two or three lines: what the paper says, what is
-measured here. Series differ in marker as well as in colour (Okabe and Ito 2008, safe for the colour-blind).
+A plot has one pair of axes, names with units, and a caption of two or three lines: the claim of the paper, and the
+measurement here. Series differ in marker and in colour (Okabe and Ito 2008, safe for the colour-blind).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MARKERS = ("o", "s", "^", "D")
 
 @dataclass(frozen=True)
 class Axis:
-    """label: with its unit; log: powers of ten; zero: begin at 0."""
+    """label: name with unit; log: powers of ten; zero: begin at 0."""
 
     label: str
     log: bool = False
@@ -47,9 +47,9 @@ class Axis:
 
 @dataclass(frozen=True)
 class Series:
-    """Points of one kind.
+    """Points of one series.
 
-    line : "points" joined by a thin line, a "curve" without markers (a fit), or "guide", thin and dashed
+    line : "points": joined by a thin line; "curve": no markers (a fit); "guide": thin and dashed
     """
 
     label: str
@@ -70,15 +70,15 @@ def plot(
     panels: Sequence[tuple[Axis, Axis, Sequence[Series]]],
     size: tuple[int, int] = (560, 400),
 ) -> UInt8:
-    """A page with plots side by side: (x axis, y axis, series) each. Returns (H, W, 3) uint8.
+    """Return a page with plots side by side, (H, W, 3) uint8; each panel is (x axis, y axis, series).
 
-    size : (width, height) of one plot with its axes, pixels
+    size : (width, height) of one plot with its axes, in pixels
     """
     width = size[0] * len(panels)
     lines = wrapped(caption, width)
     figure, bottom, height = page(title, lines, width, size[1])
     for i, (x, y, series) in enumerate(panels):
-        # Room for numbers and names of the axes: 78 pixels to the left, 56 below.
+        # Leave 78 pixels to the left and 56 below for the axes' numbers and names.
         left = (i * size[0] + 78) / width
         axes = figure.add_axes(
             (left, (bottom + 56) / height, (size[0] - 78 - MARGIN) / width, (size[1] - 56 - 8) / height)
@@ -129,9 +129,9 @@ def drawings(
     columns: int,
     size: tuple[int, int] = (360, 320),
 ) -> UInt8:
-    """A page with drawings without axes: (title, what draws into a pair or triple of axes, whether in 3D) each.
+    """Return a page of drawings without axes; each panel is (title, function that draws into axes, whether in 3D).
 
-    size : (width, height) of one drawing, pixels
+    size : (width, height) of one drawing, in pixels
     """
     heading = 30
     rows = -(-len(panels) // columns)
@@ -154,9 +154,9 @@ def drawings(
 
 
 def table(title: str, caption: str, columns: Sequence[tuple[str, int]], lines: Sequence[Sequence[str]]) -> UInt8:
-    """A page with a table. A line of one text is a heading within it.
+    """Return a page with a table. A line of one text is a heading within it.
 
-    columns : (name, width in pixels) each; names may have two lines; the first column is set to the left
+    columns : (name, width in pixels) of each; names may have two lines; the first column is left-aligned
     """
     step, heading = 26, 56
     width = 2 * MARGIN + sum(w for _, w in columns)
@@ -189,14 +189,14 @@ def pictures(
     columns: int,
     table: Sequence[tuple[str, str]] = (),
 ) -> UInt8:
-    """A page with pictures (H, W, 3) uint8 of one size, pixel for pixel, each under its title.
+    """Return a page of pictures, (H, W, 3) uint8 of equal size, at their original pixels, each under its title.
 
     table : lines of two columns, to the right of the pictures
     """
     gap, heading, table_width = 12, 26, 300 if table else 0
     h, w = panels[0][1].shape[:2]
     assert all(p.shape == panels[0][1].shape for _, p in panels), "pictures of one size only"
-    # A picture of a few pixels (a small scale) is shown with pixels as squares of this side.
+    # Show each pixel of a small picture (small scale) as a square of this side.
     zoom = max(1, 240 // max(w, h))
     h, w = h * zoom, w * zoom
     rows = -(-len(panels) // columns)
@@ -207,7 +207,7 @@ def pictures(
         row, column = divmod(i, columns)
         left = MARGIN + column * (w + gap)
         below = bottom + body - (row + 1) * (h + heading) - row * gap
-        # Without axes, of which hundreds take minutes.
+        # Draw without axes, because hundreds of axes take minutes.
         figure.figimage(picture.repeat(zoom, axis=0).repeat(zoom, axis=1), left, below, origin="upper")
         figure.text(left / width, (below + h + 8) / height, name, fontsize=11, color=INK, va="baseline")
     if table:

@@ -1,10 +1,10 @@
-"""Figures 13 to 17 of the T-buffer paper [TB]: the classical algorithm against the T-buffer, in time and in tests.
+"""Figures 13 to 17 of the T-buffer paper [TB]: time and tests of the classical algorithm and the T-buffer.
 
-The paper gives neither the viewport nor the camera of its tests; here the viewport is 320 x 240 at scale 1. Both
-algorithms render the same frames in turns, and a frame includes the filling of its shadow-buffers. Besides time all
-intersection tests are counted: the count is what the paper argues with, and no machine changes it. The counters of
-the shaders are held against a count in numpy, `sphere_rays`, and the pictures against each other: what is left out
-must not have been needed.
+The paper states neither the viewport nor the camera of its tests; here the viewport is 320 x 240 at scale 1. Both
+algorithms render the same frames in turns, and a frame includes filling its shadow-buffers. In addition to the
+time, all intersection tests are counted: the paper argues with this count, and it does not depend on the machine. A
+count with numpy, `sphere_rays`, checks the shaders' counters. Comparing the pictures checks that the omitted tests
+were not needed.
 """
 
 from __future__ import annotations
@@ -38,26 +38,26 @@ Float64 = NDArray[np.float64]
 COUNTS = (10, 30, 100, 300, 1000, 2000, 3000, 4500, 6000)
 RESOLUTIONS = tuple(range(200, 2001, 200))
 VIEWPORT = (320, 240)
-# Where the gain is to be linear: an object costs a microsecond, whatever it covers; pixels have to cost more.
+# Viewport in which the gain should be linear: an object costs a microsecond at any size, so pixels must cost more.
 LARGE_VIEWPORT = (640, 480)
-# From here on the classical algorithm's time is that of its tests.
+# With at least this many objects, tests dominate the time of the classical algorithm.
 MANY_OBJECTS = 1000
 
 _outcome = partial(judged, with_gl=True)
 
 
 def counts(scale: float) -> list[int]:
-    """Numbers of objects; those that a small scale makes equal appear once."""
+    """Return the numbers of objects without duplicates, which a small scale would produce."""
     return sorted({scaled(n, scale, least) for n, least in zip(COUNTS, range(3, 100), strict=False)})
 
 
-# Figures 13 to 16: time and tests against the number of objects.
+# Figures 13 to 16: time and tests by the number of objects.
 
 
 def _sweep(
     name: str, scale: float, setups: Mapping[str, Setup], say: Say, viewport: tuple[int, int] = VIEWPORT
 ) -> Rows:
-    """One row for each number of objects: seconds and tests of a frame for each setup."""
+    """Return a row for each number of objects: seconds and tests of a frame for each setup."""
     rows: Rows = []
     for objects in counts(scale):
         say(f"{name}: {objects} objects")
@@ -88,7 +88,7 @@ def _column(rows: Rows, name: str) -> Float64:
 
 
 def _gains(rows: Rows, key: str) -> tuple[Float64, Float64]:
-    """By how much `key` beats the classical algorithm: in time, in tests; also added to the rows."""
+    """Return the gains of `key` over the classical algorithm, in time and in tests, and add them to the rows."""
     gains = []
     for unit in ("s", "tests"):
         with np.errstate(divide="ignore"):
@@ -100,7 +100,7 @@ def _gains(rows: Rows, key: str) -> tuple[Float64, Float64]:
 
 
 def fit(x: ArrayLike, y: ArrayLike, degree: int) -> tuple[Float64, float]:
-    """Least-squares polynomial, highest power first, and its coefficient of determination R^2."""
+    """Fit a polynomial by least squares; return it, highest power first, and R^2."""
     xs, ys = np.asarray(x, float), np.asarray(y, float)
     coefficients = np.polyfit(xs, ys, degree)
     residual = ys - np.polyval(coefficients, xs)
@@ -109,27 +109,27 @@ def fit(x: ArrayLike, y: ArrayLike, degree: int) -> tuple[Float64, float]:
 
 
 def _slope(rows: Rows, gain: Float64) -> float:
-    """Of the straight line through the gain over the number of objects: gain of a thousand objects more."""
+    """Return the slope of a straight line through the gain: the gain of a thousand more objects."""
     return float(1000 * fit(_column(rows, "objects"), gain, 1)[0][0])
 
 
 def _exponent(rows: Rows, gain: Float64, least: float = 1) -> float:
-    """p of gain ~ N^p, by least squares in logarithms, from `least` objects on (of few scenes, of the last two)."""
+    """Fit p of gain ~ N^p in logarithms, to rows of at least `least` objects, or to the last two rows."""
     n = _column(rows, "objects")
     late = n >= min(least, n[-2])
     return float(np.polyfit(np.log(n[late]), np.log(gain[late]), 1)[0])
 
 
 def _counters(rows: Rows, *keys: str) -> dict[str, float]:
-    """The shaders' counts of primary rays over what there is to count, by numpy; see `COUNTED`."""
+    """Return the shaders' counts of primary tests divided by numpy's counts; see `COUNTED`."""
     hits, pairs = _column(rows, "numpy_hits"), _column(rows, "numpy_primary_tests")
     classic = _column(rows, "classic_primary_tests") / pairs
     found = np.concatenate([_column(rows, f"{key}_primary_tests") / hits for key in keys])
     return {"classic_miscounted": float(np.abs(classic - 1).max()), "least_tests_over_hits": float(found.min())}
 
 
-#: The classical algorithm tests every pair of a ray and an object. None can leave out a pair that meets, but for
-#: rounding at an outline.
+#: The classical algorithm tests every pair of a ray and an object. No algorithm may skip a pair that hits, except
+#: by rounding at an outline.
 COUNTED = (Condition("classic_miscounted", "<=", 0.0), Condition("least_tests_over_hits", ">=", 0.999))
 
 OBJECTS = Axis("number of objects", zero=True)
@@ -139,7 +139,7 @@ FRAME_TESTS = Axis("intersection tests of a frame", log=True)
 
 
 def figure_13(scale: float, say: Say) -> Outcome:
-    """Running times of both algorithms, shadow-buffer off [TB V.C]."""
+    """Make figure 13: running times of both algorithms, without shadow-buffer [TB V.C]."""
     rows = _sweep("t-buffer-13", scale, {"classic": CLASSIC, "t_buffer": T_BUFFER}, say)
     time, tests = _gains(rows, "t_buffer")
     measured = {
@@ -171,7 +171,7 @@ def figure_13(scale: float, say: Say) -> Outcome:
 
 
 def figure_14(scale: float, say: Say) -> Outcome:
-    """The ratio of these times [TB V.C]."""
+    """Make figure 14: the ratio of the times of figure 13 [TB V.C]."""
     rows = _sweep("t-buffer-14", scale, {"classic": CLASSIC, "t_buffer": T_BUFFER}, say)
     time, tests = _gains(rows, "t_buffer")
     expected, late = float(rows[-1]["numpy_tests_ratio"]), rows[-1]["objects"] / 6
@@ -189,10 +189,10 @@ def figure_14(scale: float, say: Say) -> Outcome:
     rule = (
         *COUNTED,
         Condition("last_time_ratio", ">", "first_time_ratio"),
-        # Saturated: a gain in proportion to the objects has the exponent 1.
+        # The gain has levelled off: a gain in proportion to the objects would have exponent 1.
         Condition("late_exponent_time", "<=", 0.2),
         Condition("late_exponent_tests", "<=", 0.2),
-        # An algorithm that shoots no primary ray in vain gains as much as numpy counts; this one shoots a few.
+        # An algorithm without useless primary tests gains what numpy counts; this one makes a few useless tests.
         Condition("tests_over_numpy", ">=", 0.9),
         Condition("tests_over_numpy", "<=", 1.02),
         Condition("differing_share", "<=", 0.0),
@@ -216,8 +216,8 @@ def figure_14(scale: float, say: Say) -> Outcome:
 
 
 def figure_15(scale: float, say: Say) -> Outcome:
-    """The gain with a shadow-buffer of 400 x 800 [TB V.D]."""
-    # As many entries for an object at every scale.
+    """Make figure 15: the gain with a shadow-buffer of 400 x 800 [TB V.D]."""
+    # Entries per object are the same at every scale.
     entries = scaled(400, math.sqrt(scale), 20)
     setups = {"classic": CLASSIC, "shadow_buffer": Setup("t-buffer", "sphere", entries)}
     rows = _sweep("t-buffer-15", scale, setups, say, LARGE_VIEWPORT)
@@ -235,7 +235,7 @@ def figure_15(scale: float, say: Say) -> Outcome:
         "late_exponent_time": _exponent(rows, time, MANY_OBJECTS),
         "late_exponent_time_of_area": _exponent(rows, time * _column(rows, "coverage"), MANY_OBJECTS),
         "exponent_tests": _exponent(rows, tests),
-        # The more spheres, the less lies free between them; the gain at one and the same covered area:
+        # With more spheres, less area is free between them, so this is the gain for a constant covered area:
         "exponent_tests_of_area": _exponent(rows, tests * _column(rows, "coverage")),
         "slowdown": float(seconds[-1] / seconds[0]),
         "classic_linear_r2": fit(n, _column(rows, "classic_s"), 1)[1],
@@ -248,7 +248,7 @@ def figure_15(scale: float, say: Say) -> Outcome:
         Condition("exponent_tests_of_area", ">=", 1.0),
         Condition("slowdown", "<", 3.0),
         Condition("classic_linear_r2", ">=", 0.95),
-        # What is saved is shadow rays, not shadows.
+        # It saves shadow rays, but does not lose shadows.
         Condition("most_lost_shadow_share", "<=", 0.8),
         *COUNTED,
     )
@@ -284,7 +284,7 @@ def figure_15(scale: float, say: Say) -> Outcome:
 
 
 def figure_16(scale: float, say: Say) -> Outcome:
-    """The gain with a shadow-buffer of 1000 x 2000, beside that of figure 15 [TB V.E]."""
+    """Make figure 16: the gain with a shadow-buffer of 1000 x 2000, beside that of figure 15 [TB V.E]."""
     coarse, fine = scaled(400, math.sqrt(scale), 20), scaled(1000, math.sqrt(scale), 50)
     setups = {
         "classic": CLASSIC,
@@ -336,13 +336,13 @@ def figure_16(scale: float, say: Say) -> Outcome:
 
 
 def quadratic_share(x: Float64, curve: Float64) -> float:
-    """Of a quadratic's growth from the first x to the last, how much is the square's: 1 for x^2, 0 for a line."""
+    """Return the square term's fraction of a quadratic's growth from first to last x: 1 for x^2, 0 for a line."""
     first, last = np.polyval(curve, x[[0, -1]])
     return float(curve[0] * (x[-1] ** 2 - x[0] ** 2) / (last - first)) if last > first else math.nan
 
 
 def figure_17(scale: float, say: Say) -> Outcome:
-    """Time of a frame against the resolution of the shadow-buffer, 500 objects [TB V.E]."""
+    """Make figure 17: time of a frame by the resolution of the shadow-buffer, with 500 objects [TB V.E]."""
     objects = scaled(500, scale, 20)
     scene = stacked(objects, size_at(scale, VIEWPORT))
     sizes = sorted({scaled(r, scale, 20 + i) for i, r in enumerate(RESOLUTIONS)})
@@ -370,7 +370,7 @@ def figure_17(scale: float, say: Say) -> Outcome:
         "quadratic_r2_tests": tests_r2,
         "quadratic_share_time": quadratic_share(r, curve),
         "quadratic_share_tests": quadratic_share(r, tests_curve),
-        # An entry that holds an object was tested.
+        # Each entry that holds an object was tested.
         "tests_over_entries": float((_column(rows, "tests") / _column(rows, "entries")).min()),
         "quadratic_ms_per_megacell": float(1e3 * 1e6 * curve[0] / 2),
         "first_s": float(s[0]),
@@ -379,7 +379,7 @@ def figure_17(scale: float, say: Say) -> Outcome:
     rule = (
         Condition("quadratic_r2_time", ">=", 0.99),
         Condition("quadratic_r2_tests", ">=", 0.99),
-        # A quadratic goes through a straight line, too: the curve is to owe its growth to the square.
+        # A quadratic also fits a straight line, so require that the square term causes the growth.
         Condition("quadratic_share_time", ">=", 0.5),
         Condition("quadratic_share_time", "<=", 1.5),
         Condition("quadratic_share_tests", ">=", 0.5),

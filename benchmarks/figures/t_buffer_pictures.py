@@ -1,4 +1,4 @@
-"""Figures 9 to 12 and 18 of the T-buffer paper [TB]: its pictures, and what its buffers do to them.
+"""Figures 9 to 12 and 18 of the T-buffer paper [TB]: its pictures, and how its buffers change them.
 
 The classical algorithm and the T-buffer render the same frames; see `whitted_frame`.
 """
@@ -40,7 +40,7 @@ def _three_spheres(scale: float, textures: bool) -> Scene:
     scene = load_scene("three-spheres").with_camera(resolution=size_at(scale, PICTURE))
     if textures:
         return scene
-    # Of the mean colour of what they show otherwise.
+    # Use the mean colours of the textures.
     colours = [texture.image.mean(axis=(0, 1), dtype=float) for texture in scene.textures]
     materials = tuple(
         m if m.texture is None else replace(m, texture=None, reflectance=m.reflectance * colours[m.texture.texture])
@@ -49,11 +49,11 @@ def _three_spheres(scale: float, textures: bool) -> Scene:
     return replace(scene, materials=materials)
 
 
-# Figures 9 to 11: the three configurations of one simple scene.
+# Figures 9 to 11: three configurations of one simple scene.
 
 
 def _table(**on: bool) -> list[tuple[str, str]]:
-    """The paper's table of features."""
+    """Return the paper's table of features."""
     features = {"shadows": "Shadows", "reflections": "Inter-object reflections", "textures": "Textures"}
     features |= {"t_buffer": "T-buffer", "shadow_buffer": "Shadow-buffer"}
     on = {"shadows": True, "t_buffer": True} | on
@@ -65,13 +65,13 @@ def _feature_rows(table: Sequence[tuple[str, str]]) -> Rows:
 
 
 def figure_9(scale: float, say: Say) -> Outcome:
-    """Three spheres, shadows only: the classical algorithm and the T-buffer give the same picture [TB IV.A]."""
+    """Make figure 9: three spheres with shadows only; both algorithms give the same picture [TB IV.A]."""
     scene = _three_spheres(scale, textures=False)
     return _plain_features("t-buffer-9", "Figure 9: shadows by rays", scene, 1, _table(), say)
 
 
 def figure_10(scale: float, say: Say) -> Outcome:
-    """With inter-object reflections, which call the classical algorithm [TB IV.B]."""
+    """Make figure 10: inter-object reflections, which use the classical algorithm [TB IV.B]."""
     scene = _three_spheres(scale, textures=False)
     table = _table(reflections=True)
     return _plain_features("t-buffer-10", "Figure 10: reflections", scene, 1 + REFLECTIONS, table, say)
@@ -111,7 +111,7 @@ def _plain_features(
 
 
 def figure_11(scale: float, say: Say) -> Outcome:
-    """Everything on; the shadow-buffer aliases the shadows a little [TB IV.C]."""
+    """Make figure 11: all features; the shadow-buffer aliases the shadows a little [TB IV.C]."""
     scene, rows = _three_spheres(scale, textures=True), scaled(400, scale, 40)
     say(f"t-buffer-11: shadow-buffer {rows} x {2 * rows}")
     depth = 1 + REFLECTIONS
@@ -147,7 +147,7 @@ def figure_11(scale: float, say: Say) -> Outcome:
 
 
 def figure_12(scale: float, say: Say) -> Outcome:
-    """The procedural scene for three complexities [TB V.A]."""
+    """Make figure 12: the procedural scene at three complexities [TB V.A]."""
     rows: Rows = []
     panels = []
     for objects in (3, 50, 100):
@@ -182,7 +182,7 @@ def figure_12(scale: float, say: Say) -> Outcome:
         Condition("pixels_of_an_object_50", "<", "pixels_of_an_object_3"),
         Condition("pixels_of_an_object_100", "<", "pixels_of_an_object_50"),
         Condition("coverage_100", ">=", "coverage_3"),
-        # What the T-buffer sees, beside a count in numpy; rounding may decide at an outline.
+        # Compare what the T-buffer sees with a count by numpy; they may differ by rounding at an outline.
         Condition("other_objects_share", "<=", 0.001),
     )
     said = "the objects grow smaller as they become more, so that they fill the viewport as far as they can"
@@ -196,7 +196,7 @@ def figure_12(scale: float, say: Say) -> Outcome:
 
 
 def figure_18(scale: float, say: Say) -> Outcome:
-    """One scene with exact shadows and with shadow-buffers of five resolutions [TB V.F]."""
+    """Make figure 18: one scene with exact shadows and with shadow-buffers of five resolutions [TB V.F]."""
     scene = _three_spheres(scale, textures=False)
     exact = WhittedFrame(scene, T_BUFFER).image()
     panels = [("shadow rays", tonemap(exact))]

@@ -1,4 +1,4 @@
-"""One frame of the ray tracer, to look at, to time and to count: what the figures of TB compare."""
+"""A frame of the ray tracer for the figures of [TB]: its picture, time and counts."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from glpath.scene import Scene
 
 @dataclass(frozen=True)
 class Setup:
-    """What is compared: the algorithm, where shadows come from, rows of the shadow-buffer, and the depth.
+    """A configuration to compare: algorithm, source of shadows, rows of the shadow-buffer, and depth.
 
-    Shadow-buffers are looked up by the paper's rule, object identity, which is right for spheres, and not filtered;
-    reflections and shadow rays go by the classical algorithm, as in the paper.
+    Shadow-buffers are not filtered, and are looked up by the paper's rule, object identity, which is exact for
+    spheres. Reflections and shadow rays use the classical algorithm, as in the paper.
     """
 
     primary: Literal["classic", "t-buffer"]
@@ -36,35 +36,35 @@ class Setup:
 CLASSIC = Setup("classic")
 T_BUFFER = Setup("t-buffer")
 
-# A pixel differs when a channel of its 8-bit sRGB does by more than this.
+# A pixel differs if a channel of its 8-bit sRGB value differs by more than this.
 VISIBLE = 2
 
 
 def scaled(number: int, scale: float, least: int) -> int:
-    """A size at this scale, but never too small to mean something."""
+    """Return a size at this scale, but at least `least`."""
     return max(least, round(number * scale))
 
 
 def size_at(scale: float, of: tuple[int, int]) -> tuple[int, int]:
-    """A viewport at this scale."""
+    """Return a viewport at this scale."""
     return scaled(of[0], scale, 16), scaled(of[1], scale, 12)
 
 
 def stacked(objects: int, size: tuple[int, int]) -> Scene:
-    """The scene of the paper's tests: so many spheres."""
+    """Return the scene of the paper's tests with this many spheres."""
     width, height = size
     parameters = {"objects": objects, "kind": "sphere", "resolution": height, "aspect": width / height}
     return load_scene("stacked", parameters)
 
 
 def differing(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Share of pixels that look different in two pictures (H, W, 3), radiance."""
+    """Return the fraction of pixels that look different in two pictures of radiance (H, W, 3)."""
     difference = np.abs(tonemap(a).astype(int) - tonemap(b).astype(int)).max(axis=-1)
     return float((difference > VISIBLE).mean())
 
 
 class WhittedFrame:
-    """A scene rendered by one setup, one ray through the centre of every pixel."""
+    """A scene and a setup, rendered with one ray through the centre of each pixel."""
 
     def __init__(self, scene: Scene, setup: Setup) -> None:
         self._context = get_context()
@@ -98,19 +98,19 @@ class WhittedFrame:
         return radiance, tests, tracer.eye_buffer.read()[0]
 
     def image(self) -> NDArray[np.float64]:
-        """Radiance (H, W, 3)."""
+        """Return (H, W, 3) radiance."""
         return self._counted[0]
 
     def nearest(self) -> NDArray[np.int32]:
-        """(H, W) the primitive that each pixel sees, -1 for none."""
+        """Return (H, W) primitives that the pixels see, -1 for none."""
         return self._counted[2]
 
     def tests(self) -> dict[str, int]:
-        """Intersection tests of a frame: primary, shadow_buffer (to fill it), shadow, secondary."""
+        """Return the intersection tests of a frame: primary, shadow_buffer (to fill it), shadow, secondary."""
         return self._counted[1]
 
     def shadow_entries(self) -> int:
-        """Entries of the light's shadow-buffer that hold an object."""
+        """Return the number of entries of the light's shadow-buffer that hold an object."""
         buffer = self._timed.shadow_buffer
         assert buffer is not None, "a setup without shadow-buffers"
         return int((buffer.read().primitive >= 0).sum())
@@ -118,11 +118,11 @@ class WhittedFrame:
     @cached_property
     def _timed(self) -> WhittedTracer:
         tracer = self._tracer(count_tests=False)
-        tracer.trace_path_set(0)  # compiles what is left to compile
+        tracer.trace_path_set(0)  # compiles the remaining shaders
         return tracer
 
     def seconds(self) -> float:
-        """Wall time of a frame, with the filling of its shadow-buffers; nothing is counted meanwhile."""
+        """Return the wall time of a frame, including filling its shadow-buffers, without counters."""
         tracer = self._timed
         if tracer.shadow_buffer is not None:
             tracer.shadow_buffer.forget()
