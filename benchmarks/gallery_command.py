@@ -1,7 +1,7 @@
-"""`python -m benchmarks gallery`: the pictures of the documentation's gallery, each by its command, with its time.
+"""`python -m benchmarks gallery`: makes the pictures of the documentation's gallery and measures their times.
 
-A command runs as it is typed, in a process of its own. Its picture is kept as a small WebP, as the repository
-holds it; the times go into one result, from which the page is made.
+Each picture's command runs as typed, in a separate process. The picture is stored as a small WebP in the
+repository. The times go into one result file, from which the page is made.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from glpath.system.versions import versions
 
 IMAGES = Path("docs/images/gallery")
 RESULT = Path("benchmarks/results/gallery.json")
-#: Bytes of all pictures together, which a checkout carries.
+#: Largest size of all pictures together in bytes, because every checkout contains them.
 MAX_BYTES = 1_000_000
 _QUALITY = 90
 
@@ -38,10 +38,10 @@ _QUALITY = 90
 class Picture:
     """One picture of the gallery.
 
-    name    : of its file, without suffix
-    title   : of its section
-    about   : what one sees, also for who does not see it
-    command : what makes it; it writes NAME.png
+    name    : name of its file, without suffix
+    title   : title of its section
+    about   : description of the picture, also for readers who cannot see it
+    command : command that makes it and writes NAME.png
     """
 
     name: str
@@ -50,7 +50,7 @@ class Picture:
     command: str
 
 
-#: In the order of the page.
+#: Pictures in the order of the page.
 PICTURES = (
     Picture(
         "cornell-box",
@@ -125,7 +125,7 @@ def gallery(
 ) -> None:
     """Render the gallery's pictures and write how long each took.
 
-    Of some, the others' times stay as the file has them.
+    If only some are named, the times of the others in the file stay.
     """
     known = [picture.name for picture in PICTURES]
     unknown = [name for name in names or () if name not in known]
@@ -140,14 +140,14 @@ def gallery(
 
 
 def kept_rows(result: Path) -> dict[str, dict[str, Any]]:
-    """The rows of the stored result, by name."""
+    """Return the rows of the stored result by name; empty if there is none."""
     if not result.is_file():
         return {}
     return {row["name"]: row for row in json.loads(result.read_text("utf-8"))["rows"]}
 
 
 def made(picture: Picture, images: Path) -> dict[str, Any]:
-    """Run the command of a picture, keep the picture, and return its row. Raises GlpathError."""
+    """Run a picture's command, store the picture, and return its row. Raises GlpathError if the command fails."""
     from PIL import Image
 
     program, *arguments = shlex.split(picture.command)
@@ -178,7 +178,7 @@ def made(picture: Picture, images: Path) -> dict[str, Any]:
 
 
 def report(rows: Sequence[dict[str, Any]]) -> Report:
-    """The result of all pictures."""
+    """Return the result of all pictures."""
     from glpath.gl.context import get_context
 
     return Report(
@@ -193,5 +193,5 @@ def report(rows: Sequence[dict[str, Any]]) -> Report:
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the main program."""
     app.command("gallery")(gallery)

@@ -1,4 +1,4 @@
-"""`python -m benchmarks khronos`: sample models of glTF beside Cycles."""
+"""`python -m benchmarks khronos`: compares sample models of glTF with Cycles."""
 
 from __future__ import annotations
 
@@ -69,5 +69,5 @@ def _measured(found: list[SampleModel], side: int, output: Path) -> Report:
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the main program."""
     app.command("khronos")(khronos)

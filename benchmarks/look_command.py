@@ -1,4 +1,4 @@
-"""`python -m benchmarks look`: the models of a folder without an option, and as a viewer on the web shows them."""
+"""`python -m benchmarks look`: renders the models of a folder without options, and shows them in a web viewer."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _rendered(models: list[Path], output: Path, side: int, viewer: bool) -> Repo
     if viewer:
         from benchmarks.peers.model_viewer import browser, package
 
-        browser(), package()  # before minutes are spent
+        browser(), package()  # fail before minutes are spent
     ours = render_models(models, output, side, lambda text: say(text, err=True))
     if viewer:
         write_page(models, ours, output, side)
@@ -73,5 +73,5 @@ def _rendered(models: list[Path], output: Path, side: int, viewer: bool) -> Repo
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the main program."""
     app.command("look")(look)

@@ -1,6 +1,6 @@
-"""Pairs of pictures of models without an option: glpath's, and <model-viewer>'s, on a page of HTML.
+"""A page of HTML with pairs of pictures of models, without options: by glpath and by <model-viewer>.
 
-What <model-viewer> does not read, trimesh writes as .glb for it. The seconds alone need no viewer.
+If <model-viewer> cannot read a format, trimesh writes the model as .glb for it. Timing alone needs no viewer.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from glpath.io.models import FORMATS
 
 Say = Callable[[str], None]
 
-# Of the sheet: pixels of a picture's side and between them, and pairs beside each other.
+# Layout of the sheet: side of a picture and gap between pictures in pixels, and pairs per row.
 _SIDE, _GAP, _PAIRS = 160, 4, 4
 
 _PAGE = """<!doctype html><meta charset="utf-8"><title>Default look</title>
@@ -43,7 +43,7 @@ whole process for the one, and of loading and drawing, without the browser's sta
 
 @dataclass(frozen=True)
 class Rendered:
-    """A picture by `glpath render`, what the command printed, and seconds of the whole process."""
+    """A picture by `glpath render`, the text that the command printed, and the seconds of the whole process."""
 
     png: bytes
     seconds: float
@@ -52,13 +52,13 @@ class Rendered:
 
 
 def models_in(folder: Path) -> list[Path]:
-    """The models right in a folder, by their names; where it has none but a folder Models, Khronos' samples."""
+    """Return the models directly in a folder, sorted by name; else Khronos' samples in its folder Models."""
     found = sorted(path for path in folder.iterdir() if path.suffix.lower() in FORMATS and path.is_file())
     return found or sorted(folder.glob("Models/*/glTF/*.gltf"))
 
 
 def render_models(models: Sequence[Path], output: Path, side: int, say: Say) -> list[Rendered]:
-    """Render each model without an option, one after the other; the pictures go into a folder."""
+    """Render the models without options, one after the other, into a folder."""
     output.mkdir(parents=True, exist_ok=True)
     found = []
     for path in models:
@@ -69,7 +69,7 @@ def render_models(models: Sequence[Path], output: Path, side: int, say: Say) -> 
 
 
 def write_page(models: Sequence[Path], ours: Sequence[Rendered], output: Path, side: int) -> Path:
-    """Write index.html, sheet.jpg and the viewer's pictures into the folder of glpath's."""
+    """Write index.html, sheet.jpg and the viewer's pictures into the folder that has glpath's."""
     with tempfile.TemporaryDirectory() as folder:
         theirs = shown_by_model_viewer([_as_gltf(path, Path(folder)) for path in models], side)
     rows = []
@@ -97,7 +97,7 @@ def _rendered(path: Path, side: int) -> Rendered:
 
 
 def _processor_seconds() -> float:
-    """Of all children that have ended, user and system."""
+    """Return the user and system seconds of all child processes that have ended."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
@@ -127,7 +127,7 @@ def _row(name: str, mine: Rendered, other: Shown) -> str:
 
 
 def _sheet(pairs: Sequence[tuple[bytes, bytes]]) -> Image.Image:
-    """All pairs, small, over white; glpath's on the left of each."""
+    """Return a sheet of all pairs, small and over white, each with glpath's picture on the left."""
     wide, high = 2 * _SIDE + 3 * _GAP, _SIDE + 2 * _GAP
     columns = min(_PAIRS, len(pairs))
     sheet = Image.new("RGB", (columns * wide, math.ceil(len(pairs) / columns) * high), "white")

@@ -1,4 +1,4 @@
-"""The seconds of pictures without an option, and whether each is soon enough."""
+"""The seconds of pictures without options, and a limit for each."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from benchmarks.verdict import Condition, Report, judge, machine
 from glpath.gl.context import get_context
 from glpath.system.versions import versions
 
-#: Of the whole process, at 512 x 512 on two quiet cores.
+#: Limit of the seconds of the whole process, at 512 x 512 on two idle cores.
 ENOUGH_SECONDS = 8.0
 RULE = (Condition("not_rendered", "<=", 0), Condition("seconds_max", "<=", ENOUGH_SECONDS))
 
 
 def seconds_report(models: Sequence[Path], rendered: Sequence[Rendered], side: int) -> Report:
-    """Of models and their pictures, in the same order. No path of this machine is in it.
+    """Return the report of models and their pictures, given in the same order. It has no path of this machine.
 
     measured : models, not_rendered, seconds_max, processor_seconds_max
     """

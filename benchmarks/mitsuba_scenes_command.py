@@ -1,4 +1,4 @@
-"""`python -m benchmarks mitsuba-scenes`: which of Mitsuba's files load, and how closely their pictures agree."""
+"""`python -m benchmarks mitsuba-scenes`: loads Mitsuba's files, and compares the pictures of both programs."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ def mitsuba_scenes(
 
 
 def _rows(result: Path) -> dict[str, dict[str, Any]]:
-    """The rows of a stored result, by file."""
+    """Return the rows of a stored result by file; empty if there is none."""
     if not result.is_file():
         return {}
     return {row["file"]: row for row in json.loads(result.read_text("utf-8"))["rows"]}
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the main program."""
     app.command("mitsuba-scenes")(mitsuba_scenes)

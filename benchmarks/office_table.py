@@ -1,7 +1,7 @@
-"""Table 1 of the paper, measured: the strategies on the two offices, and what the cache and the emitter list save.
+"""Table 1 of the paper, measured: the strategies in the two offices, and savings by the cache and the emitter list.
 
-One step of progressive radiosity for each of the ten lights of `glpath.io.shipped.office`, over all polygons as
-receivers. Rows are plain dictionaries, for tables and JSON; `benches` and `figures` both show them.
+Each strategy does one step of progressive radiosity for each of the ten lights of `glpath.io.shipped.office`, with
+all polygons as receivers. Rows are plain dictionaries, for tables and JSON; `benches` and `figures` both show them.
 
 [SC] E. Haines, J. Wallace, "Shaft culling for efficient ray-cast radiosity", 1991.
 """
@@ -26,7 +26,7 @@ Row = dict[str, Any]
 Say = Callable[[str], None]
 OFFICES = ("office", "office-premesh")
 
-#: [SC, table 1], Hewlett-Packard 9000/433: tests per ray, and microseconds per ray at low and high sampling.
+#: [SC, table 1], for a Hewlett-Packard 9000/433: tests per ray, and microseconds per ray at low and high sampling.
 PAPER_TABLE_1: dict[str, dict[str, tuple[float, float, float]]] = {
     "office": {
         "baseline": (44.6, 787, 762),
@@ -53,7 +53,7 @@ PAPER_TABLE_1: dict[str, dict[str, tuple[float, float, float]]] = {
 
 @dataclass(frozen=True)
 class Office:
-    """A scene with its emitters, which are its lights, and its receivers, which are all its polygons."""
+    """A scene with its lights as emitters, and all its polygons as receivers."""
 
     scene: Scene
     occluders: Occluders
@@ -64,7 +64,7 @@ class Office:
 def office(
     name: str, spacing: float = 0.25, side: int = 4, whole: bool = False, most_lights: int | None = None
 ) -> Office:
-    """A shipped scene with receiver points at most `spacing` apart and side x side samples on each light."""
+    """Return a shipped scene with receiver points at most `spacing` apart and side x side samples on each light."""
     scene = load_scene(name)
     occluders = Occluders.of_scene(scene)
     lights = [i for i in range(len(occluders)) if scene.shapes[occluders.shape[i]].emits][:most_lights]
@@ -73,7 +73,7 @@ def office(
 
 
 def shoot(visibility: Visibility, where: Office) -> Callable[[], Statistics]:
-    """One step of every emitter, as a function; the BVH and the clumps of receivers are made before."""
+    """Return a function that does one step of every emitter; BVH and clumps of receivers are built beforehand."""
     prepared = visibility.prepare(where.receivers)
     assert len(visibility.tree)
 
@@ -87,7 +87,7 @@ def shoot(visibility: Visibility, where: Office) -> Callable[[], Statistics]:
 
 
 def in_turns(contestants: Sequence[Callable[[], Any]], rounds: int) -> tuple[list[float], list[Any]]:
-    """The median of the seconds that each takes, in turns, after a first one that does not count; and results."""
+    """Run the functions in turns; return their median seconds, and the results of an untimed first round."""
     results = [run() for run in contestants]
     seconds = np.empty((rounds, len(contestants)))
     for turn in range(rounds):
@@ -99,7 +99,7 @@ def in_turns(contestants: Sequence[Callable[[], Any]], rounds: int) -> tuple[lis
 
 
 def strategies() -> dict[str, ShaftOptions]:
-    """The rows of the paper's table 1."""
+    """Return the rows of the paper's table 1."""
     ratios = {f"ratio open {r}": replace(PAPER, strategy="ratio open", ratio=r) for r in (0.2, 0.4, 0.6, 0.8)}
     return {
         "baseline": replace(PAPER, strategy="no shaft"),
@@ -117,10 +117,11 @@ def table_1_rows(
     say: Say = print,
     most_lights: int | None = None,
 ) -> list[Row]:
-    """The paper's table 1: each strategy, low (1 sample of each light) and high (4), both offices, on one thread.
+    """Measure the paper's table 1 on one thread: each strategy, 1 and 4 samples of each light, both offices.
 
-    Of rays that the last occluder did not stop: tests of boxes and polygons, and microseconds, shafts included.
-    "wrong rays": by how many more or fewer are blocked than for the baseline, which asks the whole BVH.
+    For rays that the last occluder does not block, a row has the tests of boxes and polygons, and the microseconds,
+    with the time for shafts. "wrong rays" is the difference of the number of blocked rays from the baseline, which
+    tests the whole BVH.
     """
     rows: list[Row] = []
     for name in OFFICES:
@@ -163,14 +164,14 @@ def _uncached(counts: Statistics) -> int:
 
 
 def _tests(counts: Statistics) -> float:
-    """Of uncached rays; a cached one had a single test."""
+    """Return the tests per ray that is not cached; a cached one had a single test."""
     return (counts.tests - counts.cached) / _uncached(counts)
 
 
 def savings_rows(
     bvh: Literal["areas", "clusters"] = "clusters", spacing: float = 0.25, most_lights: int | None = None
 ) -> list[Row]:
-    """What shadow coherency (paper: 31 %) and the emitter list (17 %, 12 %) save of the tests of rays."""
+    """Return the fractions of tests that shadow coherency (paper: 31 %) and the emitter list (17 %, 12 %) save."""
     plain = replace(PAPER, strategy="no shaft", coherency=False, emitter_list=False, behind_emitter=False)
     rows = []
     for name, paper in zip(OFFICES, (0.17, 0.12), strict=True):

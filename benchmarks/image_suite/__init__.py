@@ -1,1 +1,1 @@
-"""One project of image tests twice, by pytest-mpl and by glpath: what the bench `image-tests` runs."""
+"""A project of image tests, written for pytest-mpl and for glpath; the bench `image-tests` runs both."""

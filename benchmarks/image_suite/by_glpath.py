@@ -1,4 +1,4 @@
-"""The suite by glpath. The style is that of pytest-mpl, so that both compare the same pictures."""
+"""The tests for glpath. They use the style of pytest-mpl, so that both compare the same pictures."""
 
 from __future__ import annotations
 

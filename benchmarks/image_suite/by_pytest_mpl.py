@@ -1,4 +1,4 @@
-"""The suite by pytest-mpl, as its documentation says."""
+"""The tests for pytest-mpl, written as its documentation recommends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of matplotlib, each of which a change of the code may have altered in a way of its own."""
+"""Figures by matplotlib, each of which a change of the code may alter in a different way."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
-#: Where this environment variable is set, every figure has its change.
+#: If this environment variable is set, every figure has its change.
 CHANGED = "IMAGE_SUITE_CHANGED"
 
-#: How many figures of each kind of change there are, with data of their own.
+#: Number of figures with different data for each change.
 COPIES = 2
 
 
@@ -65,7 +65,7 @@ def _one_level(figure: Figure) -> None:
     figure.set_facecolor((red - level, green - level, blue - level, opacity))
 
 
-#: What has changed; None where nobody sees it, so that a test should pass.
+#: Functions that make the changes, by name.
 CHANGES: dict[str, Callable[[Figure], None]] = {
     "nothing": _unchanged,
     "background-by-one-level": _one_level,
@@ -80,7 +80,7 @@ CHANGES: dict[str, Callable[[Figure], None]] = {
     "area-tinted": _area_tinted,
 }
 
-#: Changes that nobody sees, so that a test should pass.
+#: Invisible changes, with which a test should pass.
 UNSEEN = ("nothing", "background-by-one-level")
 
 #: Parameters of the tests.
@@ -88,7 +88,7 @@ CASES = [(change, copy) for change in CHANGES for copy in range(COPIES)]
 
 
 def figure_of(change: str, copy: int) -> Figure:
-    """Two curves and some points, with its change where the environment says so."""
+    """Return a figure with two curves and some points, with its change if the environment asks for that."""
     rng = np.random.default_rng(copy)
     x = np.linspace(0, 6, 100)
     figure, axes = plt.subplots(figsize=(6.4, 4.8))

@@ -1,4 +1,4 @@
-"""The suite without a comparison: what drawing and saving takes alone."""
+"""The tests without a comparison, to measure the time of drawing and saving alone."""
 
 from __future__ import annotations
 

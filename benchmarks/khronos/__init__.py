@@ -1,1 +1,1 @@
-"""Sample models in Khronos' layout, rendered beside Cycles."""
+"""Sample models in the layout of Khronos, rendered by glpath and Cycles."""

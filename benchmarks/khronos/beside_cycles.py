@@ -1,10 +1,10 @@
-"""A sample model as `glpath render` shows it with its defaults, and as Cycles does, under one sky.
+"""Renders a sample model with the defaults of `glpath render`, and with Cycles under the same sky.
 
-The sky is the studio of models without lights, as an environment map; the camera is the one that frames the model.
-Both pictures are denoised, and have the sRGB curve at exposure 0: 255 is a white ground. Lights of the model shine
-as well. Processor time is of the whole process.
+The sky is the studio that models without lights get, as an environment map; the camera is the one that frames the
+model. Both pictures are denoised, and use the sRGB curve at exposure 0, so a white ground is 255. The lights of a
+model shine, too. Processor time is that of the whole process.
 
-Poor at: what Blender's importer reads otherwise than glTF says, such as backs that are culled.
+Poor at: features for which Blender's importer deviates from glTF, such as culled backs.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from glpath.scene.studio import studio
 UInt8 = NDArray[np.uint8]
 Say = Callable[[str], None]
 
-#: Processor seconds of a picture of 512 x 512: about 8 s on two cores.
+#: Limit of the processor seconds of a 512 x 512 picture: about 8 s on two cores.
 ENOUGH_SECONDS = 16.0
 _CYCLES_SPP = 256
 _PATIENCE = 1200.0  # seconds for a picture
@@ -44,14 +44,14 @@ _PATIENCE = 1200.0  # seconds for a picture
 
 @dataclass
 class Beside:
-    """A model's line in the table, and its pictures by program: uint8 sRGB."""
+    """A model's row of the table, and its pictures by program as uint8 sRGB."""
 
     row: dict[str, Any]
     pictures: dict[str, UInt8] = field(default_factory=dict)
 
 
 def compare_models(models: list[SampleModel], side: int, say: Say) -> tuple[list[Beside], list[str]]:
-    """Each model's pictures and how far apart they are, and notes of what is not there."""
+    """Return each model's pictures and their difference, and notes on missing programs."""
     notes = []
     try:
         other_python.find_package("bpy", other_python.python())
@@ -91,7 +91,7 @@ def _compared(model: SampleModel, side: int, folder: Path, with_cycles: bool) ->
 
 
 def differences(ours: UInt8, theirs: UInt8, mark: Mark) -> dict[str, Any]:
-    """The mean difference of eight-bit values, of all pixels and of the worst tenth; whether it is small enough."""
+    """Return mean differences of eight-bit values: of all pixels, of the worst tenth, and whether it is small."""
     apart = np.abs(ours.astype(float) - theirs).mean(axis=2)
     worst = np.sort(apart, axis=None)[-max(1, apart.size // 10) :]
     mean = float(apart.mean())
@@ -128,7 +128,7 @@ def _by_glpath(file: Path, side: int, folder: Path, row: dict[str, Any]) -> Floa
 
 def _by_cycles(file: Path, side: int, folder: Path, view: dict[str, Any], row: dict[str, Any]) -> Float64 | None:
     sky = folder / "sky-cycles.exr"
-    # The middle of a map is along +x in Blender, along +z of glTF's axes in glpath.
+    # The middle of a map faces +x in Blender, but +z in glpath.
     write_exr(sky, np.roll(studio().image, studio().image.shape[1] // 4, axis=1))
     asked = {"side": side, "spp": _CYCLES_SPP, "max_depth": 33, "denoise": True}
     try:

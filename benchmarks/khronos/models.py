@@ -1,6 +1,6 @@
-"""The models of a folder of Khronos' samples, the features of their materials, and the mark of each.
+"""The models in a folder of Khronos' samples, the features of their materials, and their limits.
 
-Source: https://github.com/KhronosGroup/glTF-Sample-Assets, whose layout is Models/NAME/glTF-Binary/NAME.glb and
+Source: https://github.com/KhronosGroup/glTF-Sample-Assets, with the layout Models/NAME/glTF-Binary/NAME.glb and
         Models/NAME/glTF/NAME.gltf.
 """
 
@@ -14,36 +14,36 @@ from typing import Any, NamedTuple
 
 from glpath.errors import UsageError
 
-#: Folders of one model, in the order in which they are looked for.
+#: Folders of one model, in the order of the search.
 _KINDS = ("glTF-Binary", "glTF", "glTF-Embedded")
-#: Mean difference of eight-bit values that is the most of each feature.
+#: Largest mean difference of eight-bit values to accept, by feature.
 PLAIN, SPECULAR, LAYERED = 1.5, 2.5, 3.0
 _FEATURES = {
     "sheen": ("KHR_materials_sheen", LAYERED),
     "clearcoat": ("KHR_materials_clearcoat", LAYERED),
     "specular": ("KHR_materials_specular", SPECULAR),
 }
-# Extensions of materials beside which the mark of a plain one holds.
+# Extensions that do not change the limit of a plain material.
 _AS_PLAIN = {
     "KHR_materials_emissive_strength",
     "KHR_materials_variants",
     "KHR_materials_unlit",
     "KHR_materials_ior",
 }
-# Metal whose colour is nearly white shows the energy that microfacets keep.
+# Nearly white metal shows the energy that microfacets conserve.
 _WHITE = 0.9
 
 
 class SampleModel(NamedTuple):
-    """name : of its folder; file : of the model"""
+    """name : name of its folder; file : path of the model"""
 
     name: str
     file: Path
 
 
 class Mark(NamedTuple):
-    """features : of the materials, as words
-    limit : the most mean difference; None where programs differ by more than glTF's own definition
+    """features : features of the materials, as words
+    limit : largest mean difference to accept; None if the programs interpret a feature differently
     """
 
     features: tuple[str, ...]
@@ -51,10 +51,10 @@ class Mark(NamedTuple):
 
 
 def find_models(folder: Path, only: Sequence[str] = ()) -> list[SampleModel]:
-    """The models of a folder, one file of each. Raises UsageError where there are none.
+    """Find the models of a folder, one file for each. Raises UsageError if there are none.
 
-    folder : of the repository, its `Models`, or any folder with a folder for each model
-    only   : names; all without
+    folder : the repository, its `Models`, or any folder that has a folder for each model
+    only   : names of the models to find; all if empty
     """
     if not folder.is_dir():
         raise UsageError(f"khronos: {folder} is not a folder.", "Clone or unpack glTF-Sample-Assets, and name it.")
@@ -78,7 +78,7 @@ def _of_folder(folder: Path) -> list[SampleModel]:
 
 
 def mark_of(file: Path) -> Mark:
-    """What a file's materials have, and the mark for that."""
+    """Return the features of a file's materials, and the limit for them."""
     document = _document(file)
     materials = document.get("materials", [])
     used = {name for material in materials for name in material.get("extensions", {})}
@@ -105,7 +105,7 @@ def _is_white_metal(material: dict[str, Any]) -> bool:
 
 
 def _document(file: Path) -> dict[str, Any]:
-    """The JSON of a .gltf or .glb that glpath can read."""
+    """Return the JSON of a .gltf or .glb that glpath can read."""
     content = file.read_bytes()
     if file.suffix.lower() == ".glb":
         (length,) = struct.unpack_from("<I", content, 12)

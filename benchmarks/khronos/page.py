@@ -1,4 +1,4 @@
-"""The page of a comparison: a table, and the pictures of each model side by side with their difference."""
+"""The page of a comparison: a table, and each model's pictures side by side with their difference."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmarks.khronos.beside_cycles import Beside
 from glpath.film.image import write_png
 from glpath.system.files import write_bytes
 
-#: By which a difference is multiplied to be seen.
+#: Factor that makes differences visible.
 _SEEN = 8
 _STYLE = """
 body { font: 15px system-ui, sans-serif; margin: 2em; color: #222; background: #fff }
@@ -34,7 +34,7 @@ _COLUMNS = {
 
 
 def write_page(found: Sequence[Beside], folder: Path, introduction: str) -> Path:
-    """FOLDER/index.html, with the pictures beside it; returns its path."""
+    """Write FOLDER/index.html and its pictures; return the path of the page."""
     folder.mkdir(parents=True, exist_ok=True)
     rows, parts = [], []
     for each in found:

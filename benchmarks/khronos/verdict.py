@@ -1,4 +1,4 @@
-"""The report of a comparison, and the rule by which its claim holds."""
+"""The report of a comparison, and the rule that confirms or rejects its claim."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ RULE = (Condition("not_rendered", "<=", 0), Condition("missed_marks", "<=", 0))
 
 
 def report_of(compared: Sequence[Beside], side: int, notes: list[str]) -> Report:
-    """What `compare_models` found; `side` of the pictures."""
+    """Return the report of the results of `compare_models`, for pictures of this side."""
     rows = [each.row for each in compared]
     drawn = [row for row in rows if row["status"] == "rendered"]
     beside = [row for row in drawn if "difference" in row]

@@ -1,1 +1,1 @@
-"""Other people's programs, each at its best settings on a scene of ours."""
+"""Other renderers, each with its best settings on a scene of ours."""

@@ -1,4 +1,4 @@
-"""A model as Blender's importer reads it, by Cycles: a picture, in a process of its own (`blender_worker`)."""
+"""Renders a model with Cycles as Blender's importer reads it, in a separate process (`blender_worker`)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _WORKER = Path(__file__).with_name("blender_worker.py")
 
 
 class Picture(NamedTuple):
-    """image : (H, W, 3) radiance in the units of the file; version : Blender's"""
+    """image : (H, W, 3) radiance in the units of the file; version : Blender's version"""
 
     image: Float64
     load_seconds: float
@@ -30,9 +30,9 @@ class Picture(NamedTuple):
 
 
 def render_model(file: Path, asked: dict[str, Any], patience: float = 1200.0) -> Picture:
-    """The picture of a model. Raises GlpathError where Blender is absent, fails, or takes more than `patience` s.
+    """Render a model. Raises GlpathError if Blender is missing, fails, or takes more than `patience` s.
 
-    asked : what `blender_worker` reads, without "file" and "folder"
+    asked : input of `blender_worker`, without "file" and "folder"
     """
     interpreter = other_python.python()
     other_python.find_package("bpy", interpreter)
@@ -53,7 +53,7 @@ def render_model(file: Path, asked: dict[str, Any], patience: float = 1200.0) ->
 
 
 def view_of(scene: Scene) -> dict[str, Any]:
-    """What another program that reads the file itself has to be told: the camera, and the light from around."""
+    """Return the camera and the surrounding light, for another program that reads the file itself."""
     camera = scene.camera
     right, up, forward = camera.frame()
     world_from_camera = np.eye(4)

@@ -1,20 +1,20 @@
-"""A model by Blender's importer and Cycles, run by the Python that has `bpy`, which may be another than glpath's.
+"""Renders a model with Blender's importer and Cycles, in the Python that has `bpy`, maybe another than glpath's.
 
     python blender_worker.py < ASKED
 
 ASKED is JSON: {"file", "side", "spp", "max_depth", "folder", "camera", "fov", "clip", "sky"}, the last four as
-`model_worker` answers them; and, where they are wanted,
+`model_worker` returns them. These keys are optional:
 
-    exposure    : by which the light is multiplied, also where sampling asks for its noise
-    environment : a map that stands in for the sky
-    denoise     : whether Cycles' denoiser follows
-    height      : where it is not the side
-    threshold   : of adaptive sampling
-    time_limit  : in seconds
-    seed        : 0 otherwise
+    exposure    : factor of the light, also for the noise threshold of sampling
+    environment : path of a map to use instead of the sky
+    denoise     : whether to apply Cycles' denoiser
+    height      : height of the picture, if it is not the side
+    threshold   : noise threshold of adaptive sampling
+    time_limit  : limit in seconds
+    seed        : seed of sampling; 0 by default
 
-FOLDER/blender.exr is the picture; the last line of standard output says how it went.
-Nothing of glpath is imported here: the file, its materials and its lights are as Blender reads them.
+FOLDER/blender.exr is the picture; the last line of standard output is the result. This file imports nothing of
+glpath: file, materials and lights are those that Blender reads.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from typing import Any
 def main() -> None:
     asked = json.load(sys.stdin)
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # Blender writes what it does to standard output
-    del sys.path[0]  # this folder, whose cycles.py would stand before Blender's add-on of that name
+    os.dup2(2, 1)  # Blender prints its progress to standard output
+    del sys.path[0]  # this folder, whose cycles.py would hide Blender's add-on of that name
     import bpy
 
     start = time.perf_counter()
@@ -50,11 +50,11 @@ def main() -> None:
 
 
 def _import(bpy: Any, file: str) -> None:
-    """Blender has z upwards: (x, y, z) becomes (x, -z, y)."""
+    """Import a file. Blender has z up: (x, y, z) becomes (x, -z, y)."""
     axes = {"forward_axis": "NEGATIVE_Z", "up_axis": "Y"}
     suffix = Path(file).suffix.lower()
     if suffix in (".gltf", ".glb"):
-        # Candela as W/sr, which a power of 4 pi W is, as here.
+        # Take candela as W/sr, which is a power of 4 pi W, as glpath does.
         bpy.ops.import_scene.gltf(filepath=file, export_import_convert_lighting_mode="COMPAT")
     elif suffix == ".obj":
         bpy.ops.wm.obj_import(filepath=file, **axes)
@@ -70,7 +70,7 @@ def _at_rest(bpy: Any) -> None:
     for each in bpy.data.objects:
         if each.type == "ARMATURE":
             each.data.pose_position = "POSE"
-    # Shapes that the importer adds to show bones, and meshes without a material, which here are white.
+    # Remove shapes that the importer adds to show bones; meshes without a material become white.
     for each in list(bpy.data.objects):
         if each.name.startswith("Icosphere") and each.users_collection[0].name.startswith("glTF_not"):
             bpy.data.objects.remove(each)
@@ -85,7 +85,7 @@ def _at_rest(bpy: Any) -> None:
 
 
 def _look(bpy: Any, scene: Any, asked: dict[str, Any]) -> None:
-    """The camera, and the light from around."""
+    """Set the camera and the surrounding light."""
     data = bpy.data.cameras.new("view")
     data.sensor_fit = "VERTICAL"
     data.angle = math.radians(asked["fov"])

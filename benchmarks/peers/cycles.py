@@ -1,9 +1,9 @@
-"""Cycles, Blender's path tracer, as a peer: the same triangles, depth, and camera and pixel filter or atlas.
+"""Cycles, Blender's path tracer, as a peer: same triangles, depth, and camera with pixel filter, or atlas.
 
-It is a process of its own (`cycles_worker`), as Blender's module `bpy` wants a Python and a numpy of its own; see
-`other_python` for how to install it.
+It runs in a separate process (`cycles_worker`), because Blender's module `bpy` needs other versions of Python and
+numpy; `other_python` says how to install it.
 
-Poor at:  what Cycles counts otherwise; `mitsuba_peer.comparable` lists what a scene may have.
+Poor at:  features that Cycles defines differently; `mitsuba_peer.comparable` lists what a scene may have.
 Source:   Blender 5.0, https://www.cycles-renderer.org
 """
 
@@ -24,7 +24,7 @@ from glpath.errors import GlpathError
 from glpath.film.film import read_image
 from glpath.scene.model import Float64, Scene
 
-#: What of its sampling depends on the scene: lights chosen by a tree, and the bounce from which roulette is played.
+#: Sampling settings whose best value depends on the scene: a light tree, and the first bounce with roulette.
 CANDIDATES: tuple[dict[str, bool | float], ...] = tuple(
     {"use_light_tree": tree, "min_light_bounces": bounces} for tree in (True, False) for bounces in (0, 3, 8)
 )
@@ -32,16 +32,16 @@ _WORKER = Path(__file__).with_name("cycles_worker.py")
 
 
 def version() -> str:
-    """Of the `bpy` that would be asked. Raises GlpathError without one."""
+    """Return the version of the `bpy` that would run. Raises GlpathError if there is none."""
     return other_python.find_package("bpy", other_python.python())[1]
 
 
 def write_scene(scene: Scene, max_depth: int, path: Path) -> None:
-    """What `cycles_worker` reads: a comparable scene as arrays.
+    """Write a comparable scene as arrays for `cycles_worker`.
 
-    shapes, bounces, resolution, fov (vertical, degrees), clip (nearest and farthest distance seen),
-    world_from_camera (4, 4): x to the right, y up, the camera looks along -z; and for each shape i
-    corners<i> (n, 3, 3), light<i> (8,): reflectance, 1 where two-sided, emission, 1 where it emits on both sides
+    shapes, bounces, resolution, fov (vertical, degrees), clip (nearest and farthest visible distance),
+    world_from_camera (4, 4): x to the right, y up, the camera looks along -z; and for each shape i:
+    corners<i> (n, 3, 3), light<i> (8,): reflectance, 1 if two-sided, emission, 1 if it emits on both sides
     """
     camera = scene.camera
     right, up, forward = camera.frame()
@@ -65,10 +65,10 @@ def write_scene(scene: Scene, max_depth: int, path: Path) -> None:
 
 
 def write_bake(surfaces: Surfaces, max_depth: int, path: Path) -> None:
-    """What `cycles_worker` reads to bake the same texels: the scene of one page as arrays.
+    """Write the scene of one page as arrays for `cycles_worker`, to bake the same texels.
 
-    size, bounces; of the F triangles that have texels: corners (F, 3, 3), uv (F, 3, 2) from 0 to 1, upwards,
-    light_of (F,): index in lights (S, 8), see `write_scene`; and what has none as shapes of `write_scene`
+    size, bounces; for the F triangles that have texels: corners (F, 3, 3), uv (F, 3, 2) from 0 to 1, upwards,
+    light_of (F,): index in lights (S, 8), see `write_scene`; and the other triangles as shapes of `write_scene`
     """
     scene, atlas = surfaces.scene, surfaces.atlas
     if atlas.pages != 1 or np.any(atlas.side):
@@ -92,7 +92,7 @@ def write_bake(surfaces: Surfaces, max_depth: int, path: Path) -> None:
 
 
 def _lights(scene: Scene) -> Float64:
-    """(S, 8), of shapes: see `write_scene`."""
+    """Return (S, 8) lights of the shapes; see `write_scene`."""
     return np.array(
         [
             [*(m := scene.materials[s.material]).reflectance, m.two_sided, *s.emission, s.emission_two_sided]
@@ -103,21 +103,21 @@ def _lights(scene: Scene) -> Float64:
 
 
 class Cycles:
-    """A running Cycles with a scene. `render` returns seconds and (H, W, 3) radiance, row 0 at the top."""
+    """A running Cycles process with a scene. `render` returns seconds and (H, W, 3) radiance, row 0 at the top."""
 
     def __init__(self, process: subprocess.Popen[str], folder: Path) -> None:
         self._process = process
         self._folder = folder
-        #: Of its process, after the last picture.
+        #: Peak memory of its process, after the last picture.
         self.peak_bytes = 0
         self.version = self._answer()["version"]
-        #: What is set of `scene.cycles`.
+        #: Settings of `scene.cycles`.
         self.settings: dict[str, bool | float] = dict(CANDIDATES[0])
 
     def tune(self, error: Callable[[Float64], float], spp: int = 16, rounds: int = 2) -> None:
-        """Take those settings of `CANDIDATES` whose error times time is the least, all tried in turns.
+        """Choose the settings of `CANDIDATES` with the least error times time, trying all in turns.
 
-        error : of a picture, falling as 1 / spp
+        error : function that returns a picture's error, which falls as 1 / spp
         """
         costs = np.empty((rounds, len(CANDIDATES)))
         for turn in range(rounds):
@@ -127,7 +127,7 @@ class Cycles:
         self.settings = CANDIDATES[int(np.argmin(np.median(costs, axis=0)))]
 
     def tune_bake(self, noise2: Callable[[Float64, Float64], float], spp: int = 4) -> None:
-        """As `tune`, for bakes; noise2: of two pages with other seeds, falling as 1 / spp."""
+        """Do what `tune` does for bakes; noise2: squared noise from two pages of other seeds, falls as 1 / spp."""
         costs = []
         for self.settings in CANDIDATES:
             (seconds, one), (more, other) = self.bake(spp, 1), self.bake(spp, 2)
@@ -139,7 +139,7 @@ class Cycles:
         return self._made(spp, seed, out), read_image(out)
 
     def bake(self, spp: int, seed: int) -> tuple[float, Float64]:
-        """Seconds, and irradiance (size, size, 3), row 0 at the top; where no texel is: 0. Of `write_bake`."""
+        """Return seconds, and irradiance (size, size, 3), row 0 at the top, 0 outside texels."""
         out = self._folder / "page.npy"
         return self._made(spp, seed, out), np.pi * np.load(out)[::-1].astype(float)
 
@@ -163,9 +163,9 @@ class Cycles:
 
 @contextmanager
 def cycles(scene: Scene | Surfaces, max_depth: int) -> Iterator[Cycles]:
-    """Cycles with a comparable scene to render, or surfaces to bake, warm.
+    """Start Cycles with a comparable scene to render, or with surfaces to bake, and render once to warm up.
 
-    Raises GlpathError where it is absent or fails.
+    Raises GlpathError if Cycles is missing or fails.
     """
     version()
     with tempfile.TemporaryDirectory() as folder:

@@ -1,15 +1,15 @@
-"""Cycles as a process of its own: run by the Python that has `bpy`, which need not be the one that has glpath.
+"""Cycles in a separate process, in the Python that has `bpy`, which may be another than glpath's.
 
     python cycles_worker.py SCENE.npz
 
-SCENE.npz is what `cycles_peer.write_scene` or `write_bake` writes. Then each line of standard input is a picture to
-make, {"spp": 64, "seed": 1, "out": "a.exr", "settings": {}}, and each line of standard output its answer,
-{"seconds": 1.5, "peak_bytes": 4e8}. Of a bake the picture is an .npy of (size, size, 3), irradiance over pi, row 0
-at the bottom. The first answer, before any picture, is Blender's version. Nothing of glpath is imported here.
+`cycles_peer.write_scene` or `write_bake` writes SCENE.npz. Then each line of standard input asks for a picture,
+{"spp": 64, "seed": 1, "out": "a.exr", "settings": {}}, and each line of standard output is an answer, {"seconds":
+1.5, "peak_bytes": 4e8}. A bake writes .npy of (size, size, 3), irradiance over pi, row 0 at the bottom. The first
+answer, before any picture, is Blender's version. This file imports nothing of glpath.
 
-Cycles at its best for a given error: its path tracer on all cores with Embree, next event estimation, and nothing
-that makes the mean another one (clamping, light threshold, limits for kinds of bounces, denoiser, adaptive
-sampling). Its geometry and BVH stay between pictures, and the first picture of all is not timed.
+Settings for the least time to a given error: the path tracer on all cores with Embree, next event estimation, and
+nothing that changes the mean (clamping, light threshold, limits by kind of bounce, denoiser, adaptive sampling).
+Geometry and BVH stay between pictures, and the first picture is not timed.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ import numpy as np
 
 def main() -> None:
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # Blender writes what it does to standard output
-    del sys.path[0]  # this folder, whose cycles.py would stand before Blender's add-on of that name
+    os.dup2(2, 1)  # Blender prints its progress to standard output
+    del sys.path[0]  # this folder, whose cycles.py would hide Blender's add-on of that name
     import bpy
 
     described = np.load(sys.argv[1])
@@ -59,7 +59,7 @@ def _peak_bytes() -> int:
 
 
 def make_scene(bpy: Any, described: Any) -> Any:
-    """Blender's scene, empty but for what is described."""
+    """Make Blender's scene with only what is described."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     for i in range(int(described["shapes"])):
@@ -67,7 +67,7 @@ def make_scene(bpy: Any, described: Any) -> Any:
     if "fov" in described:
         _add_camera(bpy, scene, described)
         scene.render.resolution_x, scene.render.resolution_y = map(int, described["resolution"])
-    scene.world = None  # a new one would be grey
+    scene.world = None  # a new world would be grey
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     render.use_persistent_data = True
@@ -87,7 +87,7 @@ def make_scene(bpy: Any, described: Any) -> Any:
 
 
 def _add_mesh(bpy: Any, scene: Any, name: str, corners: Any, light: Any) -> None:
-    """A mesh of (n, 3, 3) corners that share no vertices; light: (8,), see `cycles_peer.write_scene`."""
+    """Add a mesh of (n, 3, 3) corners without shared vertices; light: (8,), see `cycles_peer.write_scene`."""
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(corners.reshape(-1, 3).tolist(), [], np.arange(3 * len(corners)).reshape(-1, 3).tolist())
     mesh.materials.append(_material(bpy, name, light))
@@ -95,9 +95,9 @@ def _add_mesh(bpy: Any, scene: Any, name: str, corners: Any, light: Any) -> None
 
 
 def _add_baked(bpy: Any, scene: Any, described: Any) -> Any:
-    """One mesh of all that is baked, selected; returns the picture that it is baked to.
+    """Add one selected mesh of everything to bake; return the picture to bake to.
 
-    One, as Cycles synchronises the scene again for each object.
+    It is one mesh because Cycles synchronizes the scene again for each object.
     """
     size = int(described["size"])
     image = bpy.data.images.new("light", size, size, float_buffer=True, is_data=True)

@@ -1,11 +1,11 @@
-"""Embree as the peer: the nearest primitive and its t for every ray, for checking and for timing.
+"""Embree as a peer: the nearest primitive of every ray and its t, for checks and timing.
 
-Embree comes with the package embreex (the `reference` extra), in two ways:
+Embree comes with the package embreex (the `reference` extra), and can be called in two ways:
 
-- `embreex` itself: triangles only, ray by ray, on one thread, as it holds Python's lock.
-- the library in its wheel, by its C interface: spheres too (Embree's own, exact, not tessellated), one ray or eight
-  coherent rays at a time, on all cores. The loop over the rays is compiled by numba. This is Embree at its best on
-  primary rays.
+- `embreex` itself: only triangles, ray by ray, on one thread, because it holds Python's lock.
+- the library in its wheel, through its C interface: also spheres (exact ones of Embree, not tessellated), one
+  ray or eight coherent rays at a time, on all cores. numba compiles the loop over rays. This is Embree's fastest
+  way for primary rays.
 
 Poor at:  ellipsoids, which Embree does not have; planes.
 Source:   Wald et al. 2014, Embree: a kernel framework for efficient CPU ray tracing; embree.org's rtcore_ray.h.
@@ -35,14 +35,15 @@ Method = Literal["single", "packets"]
 
 REMEDY = "pip install 'glpath[reference]'"
 
-# rtcore_geometry.h, rtcore_buffer.h, rtcore_common.h of Embree 4
+# Constants of rtcore_geometry.h, rtcore_buffer.h and rtcore_common.h of Embree 4.
 _TRIANGLES, _SPHERES = 0, 50
 _INDICES, _VERTICES = 0, 1
 _UINT3, _FLOAT3, _FLOAT4 = 0x5003, 0x9003, 0x9004
 _COHERENT, _ALL_FEATURES = 1 << 16, 0xFFFFFFFF
 _POINTS_SUPPORTED = 101
 
-# RTCRayHit by words of 4 bytes; that of 8 rays has each word 8 times. The geometry is followed by two instances.
+# Offsets in RTCRayHit, in words of 4 bytes; a packet of 8 rays has each word 8 times. Two instances follow the
+# geometry.
 _STRIDE = 24
 _ORIGIN, _NEAR, _DIRECTION, _TIME, _FAR, _MASK, _PRIMITIVE, _GEOMETRY = 0, 3, 4, 7, 8, 9, 17, 18
 PACKET = 8
@@ -61,7 +62,7 @@ class _Arguments(ctypes.Structure):
 
 
 def load_embreex() -> Any:
-    """The package embreex; GlpathError when it cannot be had."""
+    """Return the package embreex. Raises GlpathError if it cannot be imported."""
     try:
         import embreex
         import embreex.mesh_construction
@@ -75,7 +76,7 @@ def load_embreex() -> Any:
 
 @cache
 def _library() -> Any:
-    """The Embree 4 that embreex brings, with the functions that are called here."""
+    """Return the library of Embree 4 in embreex, with the types of the functions used here."""
     package = Path(load_embreex().__file__).parent
     found = sorted(package.parent.glob("embreex.libs/libembree4*")) + sorted(package.glob("**/libembree4*"))
     if not found:
@@ -108,16 +109,16 @@ def _library() -> Any:
 
 
 def camera_rays(camera: Camera) -> tuple[Float32, Float32]:
-    """Origins and unit directions (H * W, 3) float32, C-contiguous, through the pixels' centres, row 0 first."""
+    """Return origins and unit directions (H * W, 3) float32, C-contiguous, through pixels' centres, row 0 first."""
     width, height = camera.resolution
     origins = np.broadcast_to(camera.position, (width * height, 3))
     return np.ascontiguousarray(origins, np.float32), np.ascontiguousarray(camera.rays().reshape(-1, 3), np.float32)
 
 
 class EmbreeScene:
-    """Spheres or triangles in Embree, built and ready when made; use it with `with`, as it holds Embree's memory.
+    """Spheres or triangles in Embree, ready to trace. Use it by `with`, because it owns Embree's memory.
 
-    Numbers of primitives are those of the arrays. Make it by `of_spheres` or `of_triangles`.
+    Primitives are numbered as in the arrays. Create it with `of_spheres` or `of_triangles`.
     """
 
     def __init__(self, kind: int, buffers: list[tuple[int, int, NDArray[Any]]]) -> None:
@@ -130,7 +131,7 @@ class EmbreeScene:
         geometry = self._library.rtcNewGeometry(self._device, kind)
         for use, form, data in buffers:
             stride = data.itemsize * data.shape[1]
-            # Embree's own memory: a shared buffer would have to be padded and outlive the scene.
+            # Copy to Embree's memory: a shared buffer would need padding and would have to outlive the scene.
             place = self._library.rtcSetNewGeometryBuffer(geometry, use, 0, form, stride, len(data))
             ctypes.memmove(place, np.ascontiguousarray(data).ctypes.data, stride * len(data))
         self._library.rtcCommitGeometry(geometry)
@@ -142,12 +143,12 @@ class EmbreeScene:
 
     @classmethod
     def of_spheres(cls, centres: NDArray[np.floating[Any]], radii: NDArray[np.floating[Any]]) -> EmbreeScene:
-        """centres (N, 3) and radii (N,), scene units."""
+        """Build from centres (N, 3) and radii (N,) in scene units."""
         return cls(_SPHERES, [(_VERTICES, _FLOAT4, np.column_stack([centres, radii]).astype(np.float32))])
 
     @classmethod
     def of_triangles(cls, triangles: NDArray[np.floating[Any]]) -> EmbreeScene:
-        """triangles (N, 3, 3), corners, scene units."""
+        """Build from triangles' corners (N, 3, 3) in scene units."""
         corners = np.zeros((3 * len(triangles), 4), np.float32)
         corners[:, :3] = triangles.reshape(-1, 3)
         indices = np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3)
@@ -165,18 +166,18 @@ class EmbreeScene:
     def nearest(
         self, origins: Float32, directions: Float32, *, method: Method = "packets", threads: int | None = None
     ) -> Hits:
-        """The nearest primitive of each ray: numbers (R,) int32, -1 where there is none, and t (R,) float32.
+        """Return each ray's nearest primitive, (R,) int32, -1 if there is none, and t, (R,) float32.
 
         origins, directions : (R, 3) float32, C-contiguous
-        method              : "packets" of 8 coherent rays, R a multiple of 8; or "single" rays
-        threads             : by default one for each core
+        method              : "packets" of 8 coherent rays, for R divisible by 8, or "single" rays
+        threads             : number of threads; by default one for each core
         """
         rays = len(origins)
         assert method == "single" or rays % PACKET == 0, f"{rays} rays are no whole number of packets"
         loop, arguments = _loop(method), _Arguments(_COHERENT, _ALL_FEATURES, None, None, None)
         numbers, distances = np.empty(rays, np.int32), np.empty(rays, np.float32)
         count = threads or core_count()
-        # Several parts for each thread, as rays that see more of the scene take longer.
+        # Give each thread several parts, because rays that see more of the scene take longer.
         edges = np.linspace(0, rays // PACKET, (1 if count == 1 else 8 * count) + 1).astype(int) * PACKET
         edges[-1] = rays
 
@@ -199,20 +200,20 @@ class EmbreeScene:
 
 
 def embreex_triangles(triangles: NDArray[np.floating[Any]]) -> Callable[[Float32, Float32], Int32]:
-    """Embree as embreex hands it out: a function of origins and directions (R, 3) to numbers (R,), -1 for none.
+    """Return a function by embreex itself from origins and directions (R, 3) to primitives (R,), -1 for none.
 
-    The scene is built when this returns.
+    The scene is built before it returns.
     """
     embreex = load_embreex()
     scene = embreex.rtcore_scene.EmbreeScene()
     embreex.mesh_construction.TriangleMesh(scene, np.ascontiguousarray(triangles, np.float32))
     ray = np.zeros((1, 3), np.float32)
-    scene.run(ray, ray + np.float32(1))  # the first one builds
+    scene.run(ray, ray + np.float32(1))  # the first call builds
     return lambda origins, directions: np.asarray(scene.run(origins, directions))
 
 
 def _aligned(words: int) -> Float32:
-    """Words of float32 at a multiple of 64 bytes, as Embree's vector loads demand."""
+    """Return float32 words at a multiple of 64 bytes, which Embree's vector loads need."""
     memory = np.zeros(words + 16, np.float32)
     skip = -memory.ctypes.data % 64 // 4
     return memory[skip : skip + words]
@@ -220,12 +221,12 @@ def _aligned(words: int) -> Float32:
 
 @cache
 def _loop(method: Method) -> Callable[..., None]:
-    """The compiled loop over rays; it writes the record, asks Embree, and reads the answer, as embreex does."""
+    """Compile the loop over rays; like embreex, it writes the record, calls Embree, and reads the answer."""
     import numba
 
     one, eight = _library().rtcIntersect1, _library().rtcIntersect8
     lanes = _aligned(PACKET)
-    lanes.view(np.int32)[:] = -1  # all of them take part
+    lanes.view(np.int32)[:] = -1  # all lanes are active
     lane_address = lanes.ctypes.data
     _keep.append(lanes)
 
@@ -264,5 +265,5 @@ def _loop(method: Method) -> Callable[..., None]:
     return single if method == "single" else packets
 
 
-# What compiled code holds the address of.
+# Arrays whose addresses are part of compiled code.
 _keep: list[NDArray[Any]] = []

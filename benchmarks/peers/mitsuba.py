@@ -1,10 +1,10 @@
-"""Mitsuba 3 as the peer: the same scene, camera, depth and pixel filter, for checking and for timing.
+"""Mitsuba 3 as a peer: same scene, camera, depth and pixel filter, for checks and timing.
 
-Mitsuba is the `reference` extra and is imported only inside functions, so that nothing else needs it.
-Its LLVM variant is the fast one on a CPU. Dr.Jit loads libLLVM itself; the LLVM 14 and 15 of Debian 12
-crash under it, so that `find_llvm` looks for 16 or newer.
+Mitsuba is the `reference` extra, and is imported only inside functions, so that other code does not need it. Its
+LLVM variant is the fast one on a CPU. Dr.Jit loads libLLVM, and crashes with LLVM 14 and 15 of Debian 12, so
+`find_llvm` looks for 16 or newer.
 
-Poor at:  ambient light at the last depth, which Mitsuba's path integrator does not have.
+Poor at:  ambient light at the last depth, which Mitsuba's path integrator lacks.
 Source:   Jakob et al. 2022, Mitsuba 3 renderer, https://mitsuba-renderer.org
 """
 
@@ -43,16 +43,16 @@ LIBRARY_FOLDERS = (
 
 
 def find_llvm(folders: Iterable[str] = LIBRARY_FOLDERS) -> str | None:
-    """The libLLVM for Dr.Jit: DRJIT_LIBLLVM_PATH if it is set, else the newest of version 16 or later, else None.
+    """Return the libLLVM for Dr.Jit: DRJIT_LIBLLVM_PATH if set, else the newest from version 16 on, else None.
 
-    folders : where to look, glob patterns allowed
+    folders : folders to search; glob patterns are allowed
     """
     named = os.environ.get("DRJIT_LIBLLVM_PATH")
     if named:
         return named
     found: list[tuple[int, str]] = []
     for pattern in folders:
-        # libLLVM-19.so, libLLVM.so.19.1, libLLVM-15.so.1: the first number is the major version.
+        # The first number in libLLVM-19.so, libLLVM.so.19.1 and libLLVM-15.so.1 is the major version.
         for path in Path("/").glob(f"{pattern.lstrip('/')}/libLLVM[-.]*so*"):
             version = re.match(r"libLLVM(?:-|\.so\.)(\d+)", path.name)
             if version and int(version[1]) >= OLDEST_LLVM:
@@ -61,7 +61,7 @@ def find_llvm(folders: Iterable[str] = LIBRARY_FOLDERS) -> str | None:
 
 
 def best_variant() -> tuple[Variant, str]:
-    """The fastest variant that works here, and a note for the reader ('' when it is the LLVM one)."""
+    """Return the fastest variant that works here, and a note for the reader ('' if it is the LLVM one)."""
     if find_llvm():
         return "llvm_ad_rgb", ""
     return "scalar_rgb", (
@@ -71,7 +71,7 @@ def best_variant() -> tuple[Variant, str]:
 
 
 def load_mitsuba(variant: str | None = None) -> Any:
-    """The module `mitsuba` with `variant` (default: `best_variant`) set; GlpathError when it cannot be had."""
+    """Import `mitsuba` and set `variant` (default: `best_variant`). Raises GlpathError if it cannot be imported."""
     variant = variant or best_variant()[0]
     if variant.startswith("llvm"):
         llvm = find_llvm()
@@ -80,7 +80,7 @@ def load_mitsuba(variant: str | None = None) -> Any:
                 f"Mitsuba's variant {variant} needs libLLVM >= {OLDEST_LLVM}, and none was found.",
                 "apt install libllvm19, or set DRJIT_LIBLLVM_PATH to the library, or take variant scalar_rgb.",
             )
-        os.environ["DRJIT_LIBLLVM_PATH"] = llvm  # read once, when Dr.Jit first starts LLVM
+        os.environ["DRJIT_LIBLLVM_PATH"] = llvm  # Dr.Jit reads it only when it first starts LLVM
     try:
         import mitsuba
     except ImportError as error:
@@ -93,17 +93,16 @@ def load_mitsuba(variant: str | None = None) -> Any:
             f"Mitsuba {mitsuba.__version__} has no variant {variant!r}; it has {', '.join(mitsuba.variants())}."
         )
     mitsuba.set_variant(variant)
-    mitsuba.set_log_level(mitsuba.LogLevel.Error)  # rounded sample counts are told by samples_rendered instead
+    mitsuba.set_log_level(mitsuba.LogLevel.Error)  # `samples_rendered` reports rounded sample counts instead
     return mitsuba
 
 
 def comparable(scene: Scene) -> tuple[Scene, list[str]]:
-    """The scene in triangles as every program here can have it, and notes on what was changed for that.
+    """Return the scene as triangles that every program here supports, and notes on what was changed for that.
 
-    Microfacets scatter light once, as theirs do.
-    Spheres become the triangles that glpath makes of them, so that all have the same ones. They are shaded flat:
-    glpath divides by what smooth normals lose of light, other programs do not. Raises SceneError for what a peer
-    cannot take, all of it at once.
+    Microfacets scatter light once, as in the other programs. Spheres become glpath's triangles, so that all
+    programs have the same ones. They are shaded flat, because only glpath compensates the light that smooth normals
+    lose. Raises one SceneError for everything that a peer does not support.
     """
     scene = path_traceable(scene)
     if any(m.roughness is not None and m.multiple_scattering for m in scene.materials):
@@ -145,9 +144,9 @@ def to_mitsuba(
     spp: int = 64,
     variant: str | None = None,
 ) -> Any:
-    """A `mitsuba.Scene` that means the same as `scene`, pixel for pixel; see `glpath.io.export.mitsuba`.
+    """Return a `mitsuba.Scene` with the same pixels as `scene`; see `glpath.io.export.mitsuba`.
 
-    Raises SceneError where it would not: `in_memory` also takes what `glpath.export` warns of.
+    Raises SceneError if that is impossible; `in_memory` also accepts scenes for which `glpath.export` warns.
     """
     load_mitsuba(variant)
     translated = described(scene, max_depth, sampler=sampler, spp=spp, instances=False)
@@ -160,7 +159,7 @@ def to_mitsuba(
 
 
 def in_memory(translated: MitsubaScene) -> Any:
-    """A `mitsuba.Scene` of plugins, without files, of the variant that is set."""
+    """Make a `mitsuba.Scene` of the current variant from plugins, without files."""
     mi: Any = importlib.import_module("mitsuba")
     made: dict[str, Any] = {}
     for name, value in translated.plugins.items():
@@ -171,7 +170,7 @@ def in_memory(translated: MitsubaScene) -> Any:
 def mitsuba_cornell_box(
     max_depth: int = 3, *, sampler: Sampler = "multijitter", spp: int = 64, variant: str | None = None
 ) -> Any:
-    """`mi.cornell_box()` as it is shipped (256 x 256), but with a box filter and our depth."""
+    """Return `mi.cornell_box()` as shipped (256 x 256), but with a box filter and our depth."""
     mi = load_mitsuba(variant)
     box = mi.cornell_box()
     box["integrator"] = integrator(max_depth)
@@ -189,7 +188,7 @@ def render_mitsuba(
     sampler: Sampler = "multijitter",
     variant: str | None = None,
 ) -> Float64:
-    """Radiance (H, W, 3) float64, row 0 at the top, linear Rec. 709, by Mitsuba's path integrator.
+    """Return radiance (H, W, 3) float64, row 0 at the top, linear Rec. 709, by Mitsuba's path integrator.
 
     spp : samples per pixel; multijitter may take a few more, see `samples_rendered`
     """
@@ -198,16 +197,16 @@ def render_mitsuba(
 
 
 def render_peer(peer: Any, spp: int, seed: int = 0) -> Float64:
-    """Radiance (H, W, 3) float64 of a `mitsuba.Scene`; returns when it is there, not when it is queued."""
-    mi: Any = importlib.import_module("mitsuba")  # its variant is the one that `peer` was made with
+    """Return radiance (H, W, 3) float64 of a `mitsuba.Scene`, after waiting until it is computed."""
+    mi: Any = importlib.import_module("mitsuba")  # has the variant with which `peer` was made
     return np.array(mi.render(peer, spp=spp, seed=seed), dtype=np.float64)
 
 
 def time_aovs(peer: Any, spp: int, seed: int = 0) -> tuple[float, Float64, Float64]:
-    """Seconds, albedo and shading normal (H, W, 3) float64 of a `mitsuba.Scene`, for a denoiser; warm.
+    """Return seconds, albedo and shading normal (H, W, 3) float64 of a `mitsuba.Scene`, for a denoiser; warm.
 
-    Apart from the picture: an `aov` integrator about the path tracer doubles the time of all samples, and these
-    are without noise after a few.
+    They are not rendered with the picture: an `aov` integrator around the path tracer doubles the time of all
+    samples, while these need only a few.
     """
     mi: Any = importlib.import_module("mitsuba")
     import drjit
@@ -226,7 +225,7 @@ def time_aovs(peer: Any, spp: int, seed: int = 0) -> tuple[float, Float64, Float
 
 
 def samples_rendered(peer: Any, spp: int) -> int:
-    """Samples per pixel that Mitsuba takes when asked for `spp`: multijitter rounds 32 up to 35 = 5 x 7 strata."""
+    """Return the samples per pixel that Mitsuba takes for `spp`: multijitter rounds 32 up to 35 = 5 x 7 strata."""
     sampler = peer.sensors()[0].sampler().clone()
     sampler.set_sample_count(spp)
     return int(sampler.sample_count())
@@ -234,11 +233,11 @@ def samples_rendered(peer: Any, spp: int) -> int:
 
 @dataclass(frozen=True)
 class PeerTiming:
-    """How long a picture takes Mitsuba, kernel compilation not counted.
+    """Mitsuba's time for a picture, without kernel compilation.
 
-    spp     : samples per pixel that were taken, which may be more than were asked for
+    spp     : samples per pixel that were taken, which may exceed the number that was given
     seconds : (repeats,) float64 wall time of each picture, warm
-    images  : (repeats, H, W, 3) float64, one per repeat, each of its own seed
+    images  : (repeats, H, W, 3) float64, one per repeat, with different seeds
     """
 
     spp: int
@@ -247,7 +246,7 @@ class PeerTiming:
 
     @property
     def ms_per_sample(self) -> float:
-        """Milliseconds per sample of all pixels, from the fastest repeat: noise of a shared machine only adds."""
+        """Return milliseconds per sample of all pixels in the fastest repeat, because other load only adds time."""
         return 1e3 * float(self.seconds.min()) / self.spp
 
 
@@ -262,10 +261,9 @@ def time_to_render(
     variant: str | None = None,
     warm: bool = False,
 ) -> PeerTiming:
-    """Times `repeats` pictures of `scene` (ours, or a `mitsuba.Scene`, whose own depth and sampler then hold).
+    """Time `repeats` pictures of `scene` (ours, or a `mitsuba.Scene`, whose depth and sampler are then used).
 
-    One picture of the same spp goes first, so that the kernel, which depends on spp, is compiled and in the cache;
-    not where it is `warm` already.
+    Unless it is `warm`, one picture of the same spp is rendered first, to compile the kernel, which depends on spp.
     """
     peer = (
         to_mitsuba(scene, max_depth, sampler=sampler, spp=spp, variant=variant)
@@ -288,7 +286,7 @@ def time_to_render(
 
 
 def _made(mi: Any, value: Any, known: dict[str, Any]) -> Any:
-    """A plugin, or the value of a parameter, as Mitsuba has it. known: what references name."""
+    """Return a value as a Mitsuba plugin or parameter. known: plugins that references name."""
     if isinstance(value, np.ndarray):
         return mi.ScalarTransform4f(value)
     if not isinstance(value, dict) or value["type"] == "rgb":
@@ -299,8 +297,8 @@ def _made(mi: Any, value: Any, known: dict[str, Any]) -> Any:
         return _mesh(mi, value, known)
     parameters = {name: _made(mi, each, known) for name, each in value.items() if name not in ("image", "name")}
     if "image" in value:
-        image = mi.Bitmap(np.array(value["image"]))  # a copy, as Mitsuba takes none that is read-only
-        image.set_srgb_gamma(value["image"].dtype == np.uint8)  # as Mitsuba takes a PNG for
+        image = mi.Bitmap(np.array(value["image"]))  # a copy, because Mitsuba does not accept read-only arrays
+        image.set_srgb_gamma(value["image"].dtype == np.uint8)  # as for a PNG
         parameters["bitmap"] = image
     elif "name" in value:
         parameters["name"] = value["name"]

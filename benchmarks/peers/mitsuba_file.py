@@ -1,6 +1,6 @@
-"""Pictures of a Mitsuba file by Mitsuba itself, in a process of its own: python -m benchmarks.peers.mitsuba_file.
+"""Renders a Mitsuba file with Mitsuba in a separate process: python -m benchmarks.peers.mitsuba_file.
 
-Standard input is a JSON object, the keyword arguments of `render_file`; the pictures go into `output`, as .npy.
+Standard input is a JSON object with the keyword arguments of `render_file`; the pictures go into `output` as .npy.
 Film, pixel filter, sampler and integrator are replaced, so that both programs estimate the same pixels.
 """
 
@@ -16,9 +16,9 @@ import numpy as np
 
 from benchmarks.peers.mitsuba import load_mitsuba
 
-#: A plugin that is Sionna's.
+#: Plugin of Sionna.
 RADIO_MATERIAL = "itu-radio-material"
-# Where Sionna's repository has the colours of that plugin, and their name there.
+# File of Sionna's repository with the colours of that plugin, and their name in it.
 _RADIO_FILE, _RADIO_COLOURS = Path("src/sionna/rt/radio_materials/itu_material.py"), "ITU_MATERIAL_COLORS"
 
 
@@ -34,12 +34,12 @@ def render_file(
     first_seed: int,
     variant: str,
 ) -> None:
-    """Write (batches, H, W, 3) float64 radiance, each batch of its own seed.
+    """Write (batches, H, W, 3) float64 radiance; each batch has another seed.
 
-    camera  : of a file without a sensor: position, target, up, and fov in degrees, which is vertical
-    samples : per pixel, of each batch
-    depth   : bounces, of which 1 is direct light only
-    variant : of Mitsuba; scalar_rgb darkens masks, so that llvm_ad_rgb is better
+    camera  : for a file without a sensor: position, target, up, and fov, vertical, in degrees
+    samples : samples per pixel of each batch
+    depth   : largest number of bounces; 1 is direct light only
+    variant : Mitsuba's variant; scalar_rgb darkens masks, so llvm_ad_rgb is better
     """
     mi = load_mitsuba(variant)
     config = mi.parser.ParserConfig(variant)
@@ -56,7 +56,7 @@ def render_file(
             node.props.set_plugin_name("box")
         elif node.type == mi.ObjectType.Integrator:
             hides |= bool(node.props.get("hide_emitters", False))
-            node.props.set_plugin_name("path")  # one that every variant has; the picture is another's
+            node.props.set_plugin_name("path")  # a plugin that every variant has; the picture uses another one
         elif node.type == mi.ObjectType.Medium:
             has_medium = True
         elif kind == RADIO_MATERIAL:

@@ -1,8 +1,8 @@
-"""Models as <model-viewer> shows them without an option, in headless Chromium with a software renderer.
+"""Shows models in <model-viewer> without options, in headless Chromium with a software renderer.
 
-Needs Chromium and npm's package @google/model-viewer (`npm install @google/model-viewer`), in the folder
-`node_modules` of where the command runs or in one that NODE_PATH names. Nothing is asked of a network: a server on
-the loopback has the page, the package and the models, and the page sends it the pictures.
+Needs Chromium and npm's package @google/model-viewer (`npm install @google/model-viewer`), in `node_modules` of the
+working folder or in a folder that NODE_PATH names. It needs no network: a server on the loopback has the page, the
+package and the models, and receives the pictures from the page.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _ARGUMENTS = (
     "--no-first-run",
     "--no-proxy-server",
 )
-# Seconds of a model, and of the browser's start.
+# Limits in seconds: for a model, and for the browser's start.
 _PATIENCE, _START = 300.0, 60.0
 
 _PAGE = """<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,">
@@ -72,8 +72,8 @@ for (const [number, url] of MODELS.entries()) {
 
 @dataclass(frozen=True)
 class Shown:
-    """png : with an alpha channel, as nothing is behind a model; empty where it failed
-    seconds : from the model's address to its picture, without the browser's start
+    """png : picture with an alpha channel, because the background is transparent; empty if it failed
+    seconds : time from setting the model's address to its picture, without the browser's start
     """
 
     png: bytes = b""
@@ -83,7 +83,7 @@ class Shown:
 
 @dataclass
 class _Answers:
-    """What the browser has sent, by the number of the model."""
+    """The pictures that the browser has sent, by the number of the model."""
 
     found: dict[int, Shown] = field(default_factory=dict)
     changed: threading.Condition = field(default_factory=threading.Condition)
@@ -102,7 +102,7 @@ class _Answers:
 
 
 def package() -> Path:
-    """The folder of npm's package. Raises GlpathError with what installs it."""
+    """Return the folder of npm's package. Raises GlpathError with the command that installs it."""
     named = [Path(each) for each in os.environ.get("NODE_PATH", "").split(os.pathsep) if each]
     for folder in (*named, Path("node_modules")):
         if (folder / _PACKAGE / _SCRIPT).is_file():
@@ -114,7 +114,7 @@ def package() -> Path:
 
 
 def browser() -> str:
-    """Raises GlpathError where there is none."""
+    """Return the path of a browser. Raises GlpathError if there is none."""
     found = next(filter(None, map(shutil.which, _BROWSERS)), None)
     if found is None:
         raise GlpathError("Chromium is not installed.", "apt install chromium")
@@ -122,7 +122,7 @@ def browser() -> str:
 
 
 def shown_by_model_viewer(models: Sequence[Path], side: int) -> list[Shown]:
-    """Pictures of glTF files, `side` x `side` pixels. Raises GlpathError without a browser or the package."""
+    """Show glTF files at `side` x `side` pixels. Raises GlpathError if the browser or the package is missing."""
     program, folder, answers = browser(), package(), _Answers()
     addresses = [f"/models/{number}/{quote(path.name)}" for number, path in enumerate(models)]
     page = _PAGE.replace("SIDE", str(side)).replace("SCRIPT", _SCRIPT).replace("MODELS", json.dumps(addresses))
@@ -132,7 +132,7 @@ def shown_by_model_viewer(models: Sequence[Path], side: int) -> list[Shown]:
         command = [
             program,
             *_ARGUMENTS,
-            *(["--no-sandbox"] if os.geteuid() == 0 else []),  # as root Chromium has none
+            *(["--no-sandbox"] if os.geteuid() == 0 else []),  # Chromium's sandbox does not work as root
             f"--user-data-dir={profile}",
             f"--window-size={side + 100},{side + 200}",
             f"http://127.0.0.1:{server.server_address[1]}/",
@@ -151,7 +151,7 @@ def shown_by_model_viewer(models: Sequence[Path], side: int) -> list[Shown]:
 
 
 class _Handler(PageHandler):
-    """Of the page, /package/..., and /models/NUMBER/... with what lies beside the model; takes /shown/NUMBER."""
+    """Serves the page, /package/..., and the files beside each model, /models/NUMBER/...; gets /shown/NUMBER."""
 
     def __init__(self, *given: Any, page: bytes, package: Path, models: Sequence[Path], answers: _Answers) -> None:
         self.package, self.models, self.answers = package, models, answers

@@ -1,7 +1,6 @@
-"""Programs that want versions of packages which glpath's neighbours do not: found in this Python or in another one.
+"""Finds programs whose packages conflict with glpath's, in this Python or in another one.
 
-Blender's module wants numpy below 2 and one version of Python, so that who has other packages keeps it in a virtual
-environment of its own:
+Blender's module needs numpy below 2 and one version of Python, so it usually needs a separate virtual environment:
 
     python3.11 -m venv peers && peers/bin/pip install bpy pyradiance pyviewfactor
     GLPATH_PEERS_PYTHON=peers/bin/python python -m benchmarks bench gather
@@ -27,13 +26,13 @@ print(json.dumps(spec and [spec.submodule_search_locations[0], importlib.metadat
 
 
 def python() -> str:
-    """The interpreter that is asked for other programs."""
+    """Return the interpreter in which other programs are searched."""
     return os.environ.get(PYTHON) or sys.executable
 
 
 @cache
 def find_package(name: str, interpreter: str) -> tuple[str, str]:
-    """Folder and version of a package of an interpreter, without importing it. GlpathError where there is none."""
+    """Find folder and version of an interpreter's package without importing it. Raises GlpathError if missing."""
     try:
         done = subprocess.run(
             [interpreter, "-c", _FIND, name], stdin=subprocess.DEVNULL, capture_output=True, timeout=60, check=True

@@ -1,4 +1,4 @@
-"""A page at the root of a server on the loopback, and what it asks for beside it."""
+"""A server on the loopback with a page at its root, and the files that the page requests."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 class PageHandler(SimpleHTTPRequestHandler):
-    """Of a page; a subclass says by `translate_path` which files other paths are."""
+    """Serves a page; a subclass maps other paths to files in `translate_path`."""
 
     def __init__(self, *given: Any, page: bytes) -> None:
         self.page = page

@@ -1,13 +1,13 @@
-"""pyviewfactor as a process of its own: run by the Python that has it, which need not be the one that has glpath.
+"""pyviewfactor in a separate process, in the Python that has it, which may be another than glpath's.
 
     python pyviewfactor_worker.py
 
-Each line of standard input is a matrix to make, {"mesh": "mesh.npz", "out": "F.npy"}, of triangles (N, 3, 3) called
-`triangles`; each line of standard output its answer, {"seconds": 1.5, "CPU seconds": 2.9}. The first answer, after
-a small matrix for which its kernels are compiled, is its version. Nothing of glpath is imported here.
+Each line of standard input asks for a matrix, {"mesh": "mesh.npz", "out": "F.npy"}, for (N, 3, 3) triangles in the
+array `triangles`; each line of standard output is an answer, {"seconds": 1.5, "CPU seconds": 2.9}. The first
+answer, after a small matrix that compiles the kernels, is the version. This file imports nothing of glpath.
 
-At its best: its matrix in one call, compiled and on all cores, the mesh itself as the obstacle, without which it
-would look for none.
+It uses the fastest settings: the matrix in one compiled call on all cores. The mesh is passed as its own obstacle,
+because by default pyviewfactor tests no obstruction.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def main() -> None:
         cells = np.column_stack([np.full(len(triangles), 3), index.reshape(-1, 3)]).ravel()
         mesh = pyvista.PolyData(corners, cells)
         start, before = time.perf_counter(), time.process_time()
-        # Its F[i, j] is from j to i.
+        # pyviewfactor's F[i, j] is from j to i.
         found = pyviewfactor.compute_viewfactor_matrix(mesh, obstacles=mesh).T
         return {"seconds": time.perf_counter() - start, "CPU seconds": time.process_time() - before}, found
 

@@ -1,11 +1,11 @@
-"""Radiance as a peer: the same triangles, all bounces by its cache of ambient light; `rpict` with the same camera,
-`rtrace` at points.
+"""Radiance as a peer: same triangles, all bounces by its ambient cache; `rpict` with the same
+camera, `rtrace` at points.
 
-Its answer is biased, as it interpolates between cached values: one picture with an error and a time, no number of
-samples to a target. The programs come with the package pyradiance; see `other_python` for how to install it.
+Its result is biased, because it interpolates between cached values. So it is one picture with an error and a time,
+and it has no number of samples to a target. The programs come with the package pyradiance; `other_python` says how
+to install it.
 
-Poor at:  surfaces with a black back, which Radiance does not have: polygons reflect on both sides. Lights reflect
-          nothing.
+Poor at:  surfaces with a black back, which Radiance lacks: its polygons reflect on both sides; lights that reflect.
 Source:   Ward et al. 1988, A ray tracing solution for diffuse interreflection; https://www.radiance-online.org
 """
 
@@ -24,23 +24,23 @@ from glpath.errors import GlpathError
 from glpath.scene.model import Float64, Scene
 from glpath.system.machine import core_count
 
-#: Twelve bounces, 512 rays from each cached value, and lights subdivided and jittered for soft shadows.
+#: Options: 12 bounces, 512 rays from each cached value, and lights subdivided and jittered for soft shadows.
 SETTINGS = "-ab 12 -ad 512 -as 256 -aa .15 -ar 128 -ds .05 -dj .9 -dt 0 -dc 1 -lr 16 -ps 1 -pj .9"
-#: Seconds after which it is given up.
+#: Limit in seconds.
 PATIENCE = 900.0
-# Rays along a pixel's side, averaged: what a box filter is.
+# Number of rays along a pixel's side; their mean is a box filter.
 _RAYS = 2
 
 
 def version() -> str:
-    """Of the pyradiance that would be asked. Raises GlpathError without one."""
+    """Return the version of the pyradiance that would run. Raises GlpathError if there is none."""
     return other_python.find_package("pyradiance", other_python.python())[1]
 
 
 def render(scene: Scene) -> tuple[float, Float64]:
-    """Seconds, reading of the scene counted, and (H, W, 3) radiance of a comparable scene, row 0 at the top.
+    """Return seconds, with reading of the scene, and (H, W, 3) radiance of a comparable scene, row 0 at the top.
 
-    Raises GlpathError where Radiance is absent or fails.
+    Raises GlpathError if Radiance is missing or fails.
     """
     width, height = scene.camera.resolution
     with tempfile.TemporaryDirectory() as folder:
@@ -57,12 +57,12 @@ def render(scene: Scene) -> tuple[float, Float64]:
 
 
 def irradiance(scene: Scene, points: Float64, normals: Float64, settings: str) -> tuple[float, Float64]:
-    """Seconds, reading of the scene counted, and (N, 3) irradiance at points by `rtrace -I`, on all cores.
+    """Return seconds, with reading of the scene, and (N, 3) irradiance at points by `rtrace -I`, on all cores.
 
     points, normals : (N, 3) each
-    settings        : how it samples, as on its command line
+    settings        : sampling options of the command line
 
-    Raises GlpathError where Radiance is absent or fails.
+    Raises GlpathError if Radiance is missing or fails.
     """
     table = np.concatenate([points, normals], axis=1).astype("<f4").tobytes()
     with tempfile.TemporaryDirectory() as folder:
@@ -78,14 +78,14 @@ def irradiance(scene: Scene, points: Float64, normals: Float64, settings: str) -
 def daylight_matrix(
     scene: Scene, points: Float64, normals: Float64, subdivision: int, rays: int, bounces: int = 1
 ) -> tuple[float, Float64]:
-    """Seconds, and (N, 1 + P) daylight coefficients by `rfluxmtx`: the ground, then Reinhart's patches.
+    """Return seconds, and (N, 1 + P) daylight coefficients by `rfluxmtx`: ground, then Reinhart's patches.
 
-    scene       : comparable, with z up and y in the north
-    subdivision : of the sky, as MF of `reinsrc.cal`
-    rays        : from each point
-    bounces     : 1 is direct light
+    scene       : a comparable scene, with z up and y to the north
+    subdivision : subdivision of the sky, MF of `reinsrc.cal`
+    rays        : number of rays from each point
+    bounces     : largest number of bounces; 1 is direct light
 
-    Raises GlpathError where Radiance is absent or fails.
+    Raises GlpathError if Radiance is missing or fails.
     """
     table = np.concatenate([points, normals], axis=1).astype("<f4").tobytes()
     with tempfile.TemporaryDirectory() as folder:
@@ -112,9 +112,9 @@ def daylight_matrix(
 
 
 def matrix_product(coefficients: Float64, skies: Float64) -> Float64:
-    """(N, T): coefficients (N, P) times the skies of T hours (P, T), by `dctimestep`, which has three channels.
+    """Multiply coefficients (N, P) with T hours' skies (P, T) by `dctimestep`, which has three channels: (N, T).
 
-    Raises GlpathError where Radiance is absent or fails.
+    Raises GlpathError if Radiance is missing or fails.
     """
     with tempfile.TemporaryDirectory() as folder:
         radiance = _Programs(folder)
@@ -148,7 +148,7 @@ sky_glow source sky
 
 
 class _Programs:
-    """Radiance's, at work in a folder."""
+    """Radiance's programs, run in a folder."""
 
     def __init__(self, folder: str) -> None:
         self._package = Path(other_python.find_package("pyradiance", other_python.python())[0])
@@ -160,12 +160,12 @@ class _Programs:
         self._folder = folder
 
     def compile(self, scene: Scene) -> None:
-        """Make scene.oct of a comparable scene."""
+        """Write scene.oct of a comparable scene."""
         Path(self._folder, "scene.rad").write_text(described(scene))
         Path(self._folder, "scene.oct").write_bytes(self.run("oconv", "scene.rad"))
 
     def run(self, program: str, *arguments: str, given: bytes = b"") -> bytes:
-        """What a program writes, of what it is given to read."""
+        """Run a program with this input, and return its output."""
         command = [str(self._package / "bin" / program), *arguments]
         try:
             done = subprocess.run(
@@ -188,17 +188,17 @@ class _Programs:
 
 
 def described(scene: Scene) -> str:
-    """A comparable scene in Radiance's language: a material for each shape, a polygon for each triangle."""
+    """Return a comparable scene in Radiance's language, with a material per shape and a polygon per triangle."""
     lines = []
     for i, (shape, part) in enumerate(zip(scene.shapes, scene.shapes.ranges, strict=True)):
         material = scene.materials[shape.material]
         if shape.emits:
             lines.append(f"void light m{i}\n0\n0\n3 {_numbers(shape.emission)}")
         elif material.slab:
-            # What its glass leaves of light that crosses it once, straight, and its index.
+            # The fraction of light at normal incidence that passes through the glass once, and its index.
             lines.append(f"void glass m{i}\n0\n0\n4 {_numbers(material.reflectance)} {material.ior:g}")
         elif material.diffuse_transmission > 0:
-            # The share of both that goes through has one colour with the rest.
+            # Radiance's `trans` has one colour for reflected and transmitted light, and a transmitted fraction.
             through = material.diffuse_transmission * material.diffuse_transmission_colour
             both = (1 - material.diffuse_transmission) * material.reflectance + through
             share = float(through.sum() / both.sum())
@@ -211,7 +211,7 @@ def described(scene: Scene) -> str:
 
 
 def view(scene: Scene) -> list[str]:
-    """The camera as arguments of rpict."""
+    """Return the camera as arguments of rpict."""
     camera = scene.camera
     _, up, forward = camera.frame()
     across = 2 * np.degrees(np.arctan(camera.extent[0]))
