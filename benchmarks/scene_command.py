@@ -1,4 +1,4 @@
-"""`python -m benchmarks scene`: a shipped model made again, or one that only benches render."""
+"""`python -m benchmarks scene`: makes a shipped model, or one that only benches render."""
 
 from __future__ import annotations
 
@@ -59,5 +59,5 @@ def scene(
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the main program."""
     app.command("scene")(scene)

@@ -1,6 +1,6 @@
-"""How benches and figures time.
+"""Timing of benches and figures.
 
-Times on a shared machine drift by more than what is to be told apart. So the contestants take turns within one run,
+On a shared machine, times drift by more than the differences to detect. So contestants take turns within one run,
 and the median of their times counts.
 """
 
@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 
 
 def seconds_of(work: Callable[[], object], finish: Callable[[], object] = lambda: None) -> float:
-    """Wall time of one call. `finish` (a context's, which draws later than it is told to) runs on both sides."""
+    """Return the wall time of a call. `finish` runs before and after, to wait for a context's deferred drawing."""
     finish()
     start = time.perf_counter()
     work()
@@ -24,9 +24,9 @@ def seconds_of(work: Callable[[], object], finish: Callable[[], object] = lambda
 def in_turns(
     contestants: Mapping[str, Callable[[], float]], rounds: int, *, min_rounds: int = 1, enough_s: float = math.inf
 ) -> dict[str, float]:
-    """Median of what each contestant returns, seconds of one run, when they take turns, `rounds` times.
+    """Run the contestants in turns, `rounds` times; return the median of the seconds that each returns.
 
-    min_rounds, enough_s : from `min_rounds` on, no further one starts when all so far took so long
+    min_rounds, enough_s : after `min_rounds` rounds, start no further one if they took this many seconds in total
     """
     times: dict[str, list[float]] = {name: [] for name in contestants}
     started = time.perf_counter()

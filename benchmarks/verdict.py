@@ -1,4 +1,4 @@
-"""What a bench or a figure finds, in one shape for screen and scripts, and the rule by which a claim holds."""
+"""The result of a bench or a figure, as an object for screen and scripts, and the rule that judges its claim."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from typing import Any, Literal
 
 from glpath.system.machine import core_count
 
-# Of numbers, or of words without brackets.
+# A list of numbers, or of words without brackets.
 _SHORT_LIST = re.compile(r'\[\s+(?:(?:-?[\d.eE+-]+|null|"[\w\' ]*"),?\s+)+\]')
 
 
 @dataclass(frozen=True)
 class Condition:
-    """One line of the rule by which a claim holds: a measured number against a bound.
+    """One line of a claim's rule: a measured number and its bound.
 
     left  : name of a measured number
     right : a number, or the name of another measured number
@@ -31,7 +31,7 @@ class Condition:
     right: float | str
 
     def holds(self, measured: Mapping[str, float]) -> bool:
-        """False as well where a number is NaN."""
+        """Return whether the line is true; False if a number is NaN."""
         a = measured[self.left]
         b = measured[self.right] if isinstance(self.right, str) else self.right
         return {">=": a >= b, "<=": a <= b, ">": a > b, "<": a < b}[self.relation]
@@ -43,16 +43,16 @@ class Condition:
 
 @dataclass(frozen=True)
 class Report:
-    """The outcome of one measurement.
+    """The result of a measurement.
 
-    name     : of the bench or the figure
-    claim    : what is measured against, in words, with the rule by which it holds
+    name     : name of the bench or the figure
+    claim    : claim in words, with the rule that judges it
     measured : numbers, by name
-    holds    : whether the claim does, by the rule in `claim`; None where the peer was not there to compare with;
-               False in any case where there are faults
-    rows     : one object per line of the table or point of the plot
-    faults   : what says that the programs did not do the same work, so that their times compare nothing
-    date     : of the measurement, YYYY-MM-DD
+    holds    : whether the claim is true by its rule; None if the peer for the comparison was missing; always False
+               if there are faults
+    rows     : one dict per line of the table or point of the plot
+    faults   : evidence that the programs did not do the same work, so that their times are not comparable
+    date     : date of the measurement, YYYY-MM-DD
     """
 
     name: str
@@ -68,7 +68,7 @@ class Report:
 
     @property
     def verdict(self) -> str:
-        """The claim, and whether it holds."""
+        """Return the claim and its verdict."""
         return f"{self.claim}: { ({True: 'holds', False: 'DOES NOT HOLD', None: 'not measured'}[self.holds]) }"
 
     def __post_init__(self) -> None:
@@ -79,13 +79,13 @@ class Report:
         return asdict(self)
 
     def as_json(self) -> str:
-        """Strict JSON: what is no number (NaN, infinity) is null. A list of numbers or words is one line."""
+        """Return strict JSON: NaN and infinity become null. A list of numbers or words is on one line."""
         text = json.dumps(_plain(self.as_dict()), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         return _SHORT_LIST.sub(lambda found: " ".join(found[0].split()).replace("[ ", "[").replace(" ]", "]"), text)
 
 
 def _plain(value: Any) -> Any:
-    """Of values that JSON has: numpy's scalars as Python's, NaN and infinity as None."""
+    """Convert to values of JSON: numpy scalars become Python's, NaN and infinity become None."""
     if isinstance(value, dict):
         return {key: _plain(v) for key, v in value.items()}
     if isinstance(value, list | tuple):
@@ -96,12 +96,12 @@ def _plain(value: Any) -> Any:
 
 
 def judge(claim: str, rule: tuple[Condition, ...], measured: Mapping[str, float]) -> tuple[str, bool]:
-    """The claim with its rule in brackets, and whether all of the rule is true of what was measured."""
+    """Return the claim with its rule in brackets, and whether all lines of the rule are true."""
     return f"{claim} ({', '.join(map(str, rule))})", all(condition.holds(measured) for condition in rule)
 
 
 def faults(agreement: tuple[Condition, ...], measured: Mapping[str, float]) -> list[str]:
-    """A line for each condition of the programs' agreement that was measured and is not so."""
+    """Return a line for each measured condition of the programs' agreement that is false."""
     return [
         f"{condition} is not so: {measured[condition.left]:.6g}"
         for condition in agreement
@@ -110,12 +110,12 @@ def faults(agreement: tuple[Condition, ...], measured: Mapping[str, float]) -> l
 
 
 def machine(renderer: str) -> dict[str, Any]:
-    """The device that rendered, and the CPU beside it."""
+    """Return the device that rendered, and the CPU."""
     return {"renderer": renderer, "cpu": _cpu_name(), "cores": core_count()}
 
 
 def _cpu_name() -> str:
-    """Model of the processor with its widest vectors: other renderers compile for these, llvmpipe for 256 bits."""
+    """Return the model of the processor and its widest vectors: other renderers use these, llvmpipe 256 bits."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

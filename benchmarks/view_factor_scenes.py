@@ -1,7 +1,7 @@
-"""Faces whose view factors are known, and rooms and cities of any size, for the tests and the bench.
+"""Faces with known view factors, and rooms and cities of any size, for the tests and the bench.
 
-Closed forms: J. Howell, "A catalog of radiation heat transfer configuration factors", by its numbers (C-11 and so
-on). Round surfaces stand as polygons of equal area, of so many sides that what this changes is below 0.1 %.
+Closed forms: J. Howell, "A catalog of radiation heat transfer configuration factors", with its numbers (C-11 etc.).
+Polygons of equal area replace round surfaces, with so many sides that the factors change by less than 0.1 %.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Float64 = NDArray[np.float64]
-#: Vertices (V, 3), and the numbers of the corners of each face.
+#: Vertices (V, 3), and the indices of each face's corners.
 FaceList = tuple[Float64, list[list[int]]]
 
 
 def joined(*parts: FaceList) -> FaceList:
-    """Several lists of faces as one."""
+    """Join several lists of faces."""
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
     faces = [
         [int(v + start) for v in face] for (_, some), start in zip(parts, starts, strict=False) for face in some
@@ -31,7 +31,7 @@ def joined(*parts: FaceList) -> FaceList:
 
 
 def grid(origin: ArrayLike, u: ArrayLike, v: ArrayLike, n: int, m: int, triangles: bool = False) -> FaceList:
-    """A parallelogram as n x m faces, or twice as many triangles; its front is where u x v points."""
+    """Return a parallelogram as n x m faces, or twice as many triangles; its front faces u x v."""
     s, t = np.meshgrid(np.arange(n + 1) / n, np.arange(m + 1) / m, indexing="ij")
     edges = np.asarray(u, float), np.asarray(v, float)
     vertices = np.asarray(origin, float) + s[..., None] * edges[0] + t[..., None] * edges[1]
@@ -46,7 +46,7 @@ def grid(origin: ArrayLike, u: ArrayLike, v: ArrayLike, n: int, m: int, triangle
 def box_faces(
     lower: ArrayLike, upper: ArrayLike, cells: int, inward: bool, triangles: bool = False, bottom: bool = True
 ) -> FaceList:
-    """A box, each side cells x cells; fronts inside or outside. Floor, ceiling, then the walls."""
+    """Return a box with cells x cells faces per side, fronts inside or outside: floor, ceiling, then the walls."""
     low, high = np.asarray(lower, float), np.asarray(upper, float)
     x, y, z = np.diag(high - low)
     at = [low, low + z, low, low + x, low, low + y]
@@ -60,7 +60,7 @@ def box_faces(
 
 
 def room_of_outline(outline: Sequence[Sequence[float]], height: float) -> FaceList:
-    """A room over a floor plan, counter-clockwise, its fronts inside."""
+    """Return a room over a floor plan, counter-clockwise, with fronts inside."""
     plan = np.asarray(outline, float)
     n = len(plan)
     vertices = np.concatenate([np.column_stack([plan, np.full(n, z)]) for z in (0.0, height)])
@@ -69,13 +69,13 @@ def room_of_outline(outline: Sequence[Sequence[float]], height: float) -> FaceLi
 
 
 def block_in_a_room(cells: int) -> FaceList:
-    """A cube in whose middle a block hangs, in triangles: 24 cells^2 faces, closed."""
+    """Return a closed cube with a floating block in it, in triangles: 24 cells^2 faces."""
     room = box_faces([0, 0, 0], [1, 1, 1], cells, inward=True, triangles=True)
     return joined(room, box_faces([0.3, 0.3, 0.2], [0.6, 0.7, 0.6], cells, inward=False, triangles=True))
 
 
 def ball_in_a_box(cells: int = 4) -> FaceList:
-    """A cube in whose middle a ball of 320 triangles hangs: with 4 x 4 cells 512 triangles, closed."""
+    """Return a closed cube with a floating ball of 320 triangles in its middle: 512 triangles with 4 x 4 cells."""
     ball = _icosphere(2)
     room = box_faces([0, 0, 0], [1, 1, 1], cells, inward=True, triangles=True)
     return joined(room, (0.3 * ball[0] + 0.5, ball[1]))
@@ -83,7 +83,8 @@ def ball_in_a_box(cells: int = 4) -> FaceList:
 
 def slats(count: int = 14, cells: int = 3) -> FaceList:
     """A cube of 12 cells^2 triangles, in which thin sheets of two sides hang as slats of a blind, turned by 40
-    degrees, with slits between: 164 triangles, closed."""
+    degrees, with slits between: 164 triangles, closed.
+    """
     parts = [box_faces([0, 0, 0], [1, 1, 1], cells, inward=True, triangles=True)]
     u, v = np.array([0, 0.96, 0]), 0.96 / count * np.array([cos(0.7), 0, sin(0.7)])
     for k in range(count):
@@ -93,7 +94,7 @@ def slats(count: int = 14, cells: int = 3) -> FaceList:
 
 
 def _icosphere(divided: int) -> FaceList:
-    """20 triangles of an icosahedron, each quartered so many times; on the unit sphere, fronts outside."""
+    """Return an icosahedron's 20 triangles on the unit sphere, quartered this many times, fronts outside."""
     golden = (1 + sqrt(5)) / 2
     points = [[0.0, s, t * golden] for s in (-1, 1) for t in (-1, 1)]
     vertices = np.array([np.roll(p, k) for k in range(3) for p in points])
@@ -123,10 +124,10 @@ def _icosphere(divided: int) -> FaceList:
 
 
 def closed_at_random(seed: int) -> FaceList:
-    """A closed room with what view factors find hard, so that every row adds up to 1.
+    """Return a closed room with difficult shapes for view factors; being closed, its rows must add up to 1.
 
-    In each half stands one of: a slab that leaves slits along the walls, two blocks with a common edge, a tiny
-    block beside large faces, and sheets of two sides, alike or large and small, that may cut each other.
+    Each half contains one of: a slab that leaves slits along the walls, two blocks with a common edge, a tiny block
+    beside large faces, or two-sided sheets, of equal or different size, that may cut each other.
     """
     rng = np.random.default_rng(seed)
     size = rng.uniform(0.5, 2.0, 3)
@@ -159,7 +160,7 @@ def closed_at_random(seed: int) -> FaceList:
 
 
 def city(blocks: int, wall: int = 3, seed: int = 1) -> FaceList:
-    """blocks^2 buildings of 6 to 24 m on a plane, streets of 8 m, in quads: each 5 wall^2 + 12 facets."""
+    """Return blocks^2 buildings of 6 to 24 m with streets of 8 m, in quads: each has 5 wall^2 + 12 facets."""
     heights = 3.0 * np.random.default_rng(seed).integers(2, 9, (blocks, blocks))
     parts = []
     for i in range(blocks):
@@ -176,11 +177,11 @@ def city(blocks: int, wall: int = 3, seed: int = 1) -> FaceList:
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """The view factor from the first row to the second.
+    """A view factor in closed form, from the first row to the second.
 
-    name   : with the catalogue's number
-    factor : what it says
-    make   : the faces, and the group of each
+    name   : name with the catalogue's number
+    factor : value by the closed form
+    make   : function that returns the faces, and the group of each
     """
 
     name: str
@@ -201,7 +202,7 @@ class ClosedForm:
 
 
 def parallel_rectangles(x: float, y: float) -> float:
-    """C-11: equal, opposite; sides over distance."""
+    """Return C-11: equal opposite rectangles; sides divided by the distance."""
     a, b = 1 + x * x, 1 + y * y
     return (2 / (pi * x * y)) * (
         log(sqrt(a * b / (a + b - 1)))
@@ -213,7 +214,7 @@ def parallel_rectangles(x: float, y: float) -> float:
 
 
 def perpendicular_rectangles(h: float, w: float) -> float:
-    """C-14: with a common edge; height of the other and width of the first over the edge."""
+    """Return C-14: rectangles with a common edge; height of the second, width of the first, over the edge."""
     hh, ww = h * h, w * w
     s = hh + ww
     a = (1 + ww) * (1 + hh) / (1 + s)
@@ -223,14 +224,14 @@ def perpendicular_rectangles(h: float, w: float) -> float:
 
 
 def coaxial_discs(r1: float, r2: float, distance: float) -> float:
-    """C-41: from the first to the second."""
+    """Return C-41: coaxial discs, from the first to the second."""
     a, b = r1 / distance, r2 / distance
     s = 1 + (1 + b * b) / (a * a)
     return 0.5 * (s - sqrt(s * s - 4 * (b / a) ** 2))
 
 
 def _disc(radius: float, z: float, sides: int, up: bool, inner: float = 0.0) -> FaceList:
-    """A regular polygon of the disc's area, or a ring; counter-clockwise from above where its front is up."""
+    """Return a regular polygon with a disc's area, or a ring; counter-clockwise from above if its front is up."""
     scale = sqrt(tau / sides / sin(tau / sides))
     angles = tau * (np.arange(sides) + 0.5) / sides
     ring = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -251,7 +252,7 @@ def _tube(radius: float, low: float, high: float, sides: int, inward: bool) -> F
 
 
 def _ball(centre: ArrayLike, radius: float, rings: int, sides: int) -> FaceList:
-    """Fronts outside; of the sphere's area."""
+    """Return a polyhedron with a sphere's area, fronts outside."""
     vertices = [[0.0, 0.0, -1.0]]
     for i in range(1, rings):
         latitude = pi * (i / rings - 0.5)
@@ -277,20 +278,20 @@ def _ball(centre: ArrayLike, radius: float, rings: int, sides: int) -> FaceList:
 
 
 def _groups(*parts: FaceList) -> tuple[FaceList, list[int]]:
-    """Each part a row of its own."""
+    """Join the parts; each part is a row."""
     return joined(*parts), [i for i, (_, faces) in enumerate(parts) for _ in faces]
 
 
 def _ring_factor(hole: float, r1: float, r2: float, distance: float) -> float:
-    """From a disc to a coaxial ring, by subtraction."""
+    """Return the factor from a disc to a coaxial ring, by subtraction."""
     return coaxial_discs(r1, r2, distance) - coaxial_discs(r1, hole, distance)
 
 
 def _blocked_discs(radius: float, blocker: float, distance: float) -> float:
-    """Equal coaxial discs with a coaxial blocker half-way: by numbers, on rings of the one and the other.
+    """Integrate numerically, over rings, the factor of equal coaxial discs with a coaxial blocker half-way.
 
-    From a point of the one, the blocker's shadow on the other is a disc of twice the blocker's radius, about the
-    mirror image of the point in the axis.
+    From a point of one disc, the blocker's shadow on the other disc is a disc of twice the blocker's radius, around
+    the mirror image of the point in the axis.
     """
     rings, turns = 100, 360  # good to 1e-5
     r = radius * np.sqrt((np.arange(rings) + 0.5) / rings)
@@ -305,7 +306,7 @@ def _blocked_discs(radius: float, blocker: float, distance: float) -> float:
 
 
 def _angled_strips(angle: float) -> float:
-    """C-5a: two endless plates of one width with a common edge: by crossed strings."""
+    """Return C-5a: two infinite plates of equal width with a common edge, by crossed strings."""
     return 1 - sin(angle / 2)
 
 

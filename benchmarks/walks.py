@@ -1,7 +1,7 @@
-"""Six walks through the documentation, each from the README's first line to a result: what is read and run.
+"""Six walks through the documentation, from the README's first line to a result: the pages to read and to run.
 
-A reader is taken to read everything: the README from its first line to the end of one section, then each further
-page from its first line to the end of one. Code counts as words do, at 200 words a minute.
+The assumed reader reads everything: the README from its first line to the end of one section, then each further
+page from its first line to the end of one. Code counts like words, at 200 words a minute.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ ROOT = Path(__file__).resolve().parents[1]
 WORDS_A_MINUTE = 200
 MAX_MINUTES = 5
 
-#: Candela by angle from straight down, LM-63.
+#: LM-63 file of a lamp: candela by the angle from straight down.
 LAMP = "IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 5 1 1 2 0 0 0\n1 1 100\n0 22.5 45 67.5 90\n0\n1000 920 700 380 0\n"
 
-#: Lines of the shell that are not run, by a pattern: why.
+#: Patterns of shell lines that are not run, and the reasons.
 SKIPPED = {r"^make\b": "sets up a checkout; the walk has the wheel"}
-#: That is not run either, unless the machine is the walk's own.
+#: Patterns of further lines that are run only if the machine belongs to the walk, and the reasons.
 SYSTEM = {r"^apt-get\b": "changes the machine"}
-#: Programs that wait for a person: what does the same without one.
+#: Patterns of programs that wait for a person, and unattended replacements.
 REPLACED = {r"^jupyter lab (\S+)": r"jupyter execute \1", r"^apt-get install": "apt-get install -y"}
 
 #: A block of code of a page: its language and its text.
@@ -31,11 +31,11 @@ FENCE = re.compile(r"^```(?P<kind>[\w-]*)[^\n]*\n(?P<text>.*?)^```[ \t]*$", re.M
 
 @dataclass(frozen=True)
 class Reading:
-    """A page, and how far it is read.
+    """A page, and the part of it that is read.
 
-    page  : in the repository
-    until : the last section that is read
-    run   : sections whose blocks are run, in this order
+    page  : path in the repository
+    until : last section that is read
+    run   : sections whose blocks are run, in order
     """
 
     page: str
@@ -44,7 +44,7 @@ class Reading:
 
     @property
     def text(self) -> str:
-        """From the first line of the page to the end of `until`."""
+        """Return the page from its first line to the end of `until`."""
         whole = (ROOT / self.page).read_text("utf-8")
         found = re.search(rf"^## {re.escape(self.until)}$.*?(?=^## |\Z)", whole, re.MULTILINE | re.DOTALL)
         if found is None:
@@ -52,7 +52,7 @@ class Reading:
         return whole[: found.end()]
 
     def blocks(self) -> Iterator[tuple[str, str, str]]:
-        """(language, text, words before it) of each block that is run."""
+        """Yield (language, text, words before it) of each block to run."""
         for title in self.run:
             section = self.text.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
             if not section:
@@ -63,13 +63,13 @@ class Reading:
 
 @dataclass(frozen=True)
 class Walk:
-    """One reader.
+    """A walk of one reader.
 
-    name     : of the row
-    reader   : who it is
-    readings : the README first
-    brought  : files that the reader has already
-    result   : the file that is the result
+    name     : name of its row
+    reader   : description of the reader
+    readings : pages, with the README first
+    brought  : files that the reader already has
+    result   : file that is the result
     """
 
     name: str
@@ -80,28 +80,28 @@ class Walk:
 
     @property
     def lines(self) -> int:
-        """Lines that are read."""
+        """Return the number of lines to read."""
         return sum(reading.text.count("\n") for reading in self.readings)
 
     @property
     def words(self) -> int:
-        """Words that are read."""
+        """Return the number of words to read."""
         return sum(words_of(reading.text) for reading in self.readings)
 
     @property
     def reading_min(self) -> float:
-        """Minutes of reading."""
+        """Return the minutes of reading."""
         return self.words / WORDS_A_MINUTE
 
 
 def words_of(text: str) -> int:
-    """Words of a page as it is shown, code and tables included; targets of links and lines of tables are none."""
+    """Count the words of a page as shown, with code and tables, but without link targets and table rules."""
     shown = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", re.sub(r"^```.*$", "", text, flags=re.MULTILINE))
     return sum(any(c.isalnum() for c in word) for word in shown.split())
 
 
 def commands_of(block: str, not_run: Iterable[str]) -> Iterator[str]:
-    """Commands of a block of the shell, without comments and what matches one of the patterns `not_run`."""
+    """Yield the commands of a shell block, without comments and without matches of the patterns `not_run`."""
     for line in re.sub(r"\\\n", " ", block).splitlines():
         command = re.sub(r"(^|\s)#.*", "", line).strip()
         if command and not any(re.search(pattern, command) for pattern in not_run):
@@ -109,9 +109,9 @@ def commands_of(block: str, not_run: Iterable[str]) -> Iterator[str]:
 
 
 def lines_of(block: str, system: bool = False) -> Iterator[str]:
-    """Commands of a block as a walk runs them; none of a script for a scheduler.
+    """Yield a block's commands as a walk runs them; a script for a scheduler yields none.
 
-    system : with those that install packages of the system
+    system : include commands that install packages of the system
     """
     if any(line.startswith("#SBATCH") for line in block.splitlines()):
         return
@@ -122,7 +122,7 @@ def lines_of(block: str, system: bool = False) -> Iterator[str]:
 
 
 def file_of(kind: str, text: str, before: str) -> str:
-    """The name of the file that a block of a scene or of Python goes into: what the text calls it, else our own."""
+    """Return the file name for a block of a scene or of Python: the name in the text, else a fixed one."""
     if kind == "toml":
         return str(re.findall(r"`([\w-]+\.toml)`", before)[-1])
     return "test_walk.py" if re.search(r"^def test_", text, re.MULTILINE) else "walk.py"

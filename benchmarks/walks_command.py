@@ -1,7 +1,7 @@
-"""`python -m benchmarks walks`: from the README's first line to a result, in an empty folder, as six readers go.
+"""`python -m benchmarks walks`: runs the documentation as six readers would, each in an empty folder.
 
-The wheel is built as `make wheel` does, and each walk makes the environment and installs what the pages say. Homes
-are empty, so that shaders and kernels are compiled. Only pip keeps its cache and its settings.
+The wheel is built as by `make wheel`, and each walk creates the environment and installs what the pages name. Home
+folders are empty, so that shaders and kernels are compiled. Only pip keeps its cache and its settings.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def walks(
 ) -> None:
     """Follow the documentation as six readers would, and write how long each takes to a result.
 
-    Of some, the others' rows stay as the file has them.
+    If only some are named, the rows of the others in the file stay.
     """
     known = {walk.name: walk for walk in WALKS}
     unknown = [name for name in names or () if name not in known]
@@ -57,19 +57,19 @@ def walks(
             rows[name] = walked(known[name], Path(folder) / name.replace(" ", "-"), wheels, system)
             row = rows[name]
             say(f"{name}: {row['reading_min']:.1f} min to read, {row['run_s']:.0f} s to run", err=True)
-            # After each, so that one that fails loses no other.
+            # Write after each walk, so that a failure loses no other row.
             write_bytes(report([rows[name] for name in known if name in rows]).as_json().encode(), result)
 
 
 def kept_rows(result: Path) -> dict[str, dict[str, Any]]:
-    """The rows of the stored result, by name."""
+    """Return the rows of the stored result by name; empty if there is none."""
     if not result.is_file():
         return {}
     return {row["name"]: row for row in json.loads(result.read_text("utf-8"))["rows"]}
 
 
 def built_wheel(folder: Path) -> Path:
-    """The folder `dist` with the wheel of this checkout. Raises GlpathError."""
+    """Build the wheel of this checkout; return its folder `dist`. Raises GlpathError if that fails."""
     command = [sys.executable, "-m", "pip", "-q", "wheel", "--no-deps", "-w", str(folder / "dist"), str(ROOT)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_SECONDS)
     if done.returncode:
@@ -78,7 +78,7 @@ def built_wheel(folder: Path) -> Path:
 
 
 def walked(walk: Walk, folder: Path, wheels: Path, system: bool = False) -> dict[str, Any]:
-    """Run all that a walk's pages say, and return its row. Raises GlpathError where a command fails."""
+    """Run all commands of a walk's pages, and return its row. Raises GlpathError if a command fails."""
     (folder / "home").mkdir(parents=True)
     shutil.copytree(wheels, folder / "dist")
     bring(walk.brought, folder)
@@ -111,7 +111,7 @@ def walked(walk: Walk, folder: Path, wheels: Path, system: bool = False) -> dict
 
 
 def installed(python: Path) -> dict[str, str]:
-    """The versions of an environment's Python and of what renders in it."""
+    """Return the versions of an environment's Python and of its rendering packages."""
     code = "; ".join(
         (
             "import json, platform",
@@ -126,13 +126,13 @@ def installed(python: Path) -> dict[str, str]:
 
 
 def processor_s() -> float:
-    """Of all processes that have ended below this one."""
+    """Return the processor seconds of all child processes that have ended."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 def bring(names: Sequence[str], folder: Path) -> None:
-    """Write the files that a reader has before: a model, a lamp, a notebook of the checkout."""
+    """Write the files that a reader already has: a model, a lamp, a notebook of the checkout."""
     import trimesh
 
     for name in names:
@@ -147,7 +147,7 @@ def bring(names: Sequence[str], folder: Path) -> None:
 
 
 def environment_of(folder: Path) -> dict[str, str]:
-    """That of this process, in which the environment of Python that the walk makes comes first."""
+    """Return this process's environment, with the walk's Python environment first in the path."""
     left_out = ("PYTHONPATH", "PYTHONHOME", "CI", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR", "MESA_SHADER_CACHE_DIR")
     kept = {name: value for name, value in os.environ.items() if name not in left_out}
     path = os.pathsep.join([str(folder / ".venv" / "bin"), kept.get("PATH", os.defpath)])
@@ -155,9 +155,9 @@ def environment_of(folder: Path) -> dict[str, str]:
 
 
 def prepared(blocks: Sequence[tuple[str, str, str]], folder: Path, system: bool = False) -> list[str]:
-    """The commands of blocks, in order; scenes and tests that they need are written first.
+    """Return the commands of blocks, in order, after writing the scenes and tests that they need.
 
-    system : with those that install packages of the system
+    system : include commands that install packages of the system
     """
     commands = []
     for kind, text, before in blocks:
@@ -173,7 +173,7 @@ def prepared(blocks: Sequence[tuple[str, str, str]], folder: Path, system: bool 
 
 
 def run_line(where: str, command: str, folder: Path, environment: Mapping[str, str]) -> None:
-    """Run one command by a shell. Raises GlpathError with what it printed where it fails."""
+    """Run a command in a shell. Raises GlpathError with its output if it fails."""
     done = subprocess.run(
         ["sh", "-e", "-c", command],
         cwd=folder,
@@ -189,7 +189,7 @@ def run_line(where: str, command: str, folder: Path, environment: Mapping[str, s
 
 
 def report(rows: Sequence[dict[str, Any]]) -> Report:
-    """The result of walks."""
+    """Return the result of the walks."""
     from glpath.gl.context import get_context
 
     measured = {
@@ -204,5 +204,5 @@ def report(rows: Sequence[dict[str, Any]]) -> Report:
 
 
 def register(app: typer.Typer) -> None:
-    """Put the command on the main program."""
+    """Add the command to the main program."""
     app.command("walks")(walks)

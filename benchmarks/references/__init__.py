@@ -1,1 +1,1 @@
-"""Converged pictures by other renderers: those that are stored here, and those that are made on the machine."""
+"""Converged pictures by other renderers: some are stored here, others are made on the machine."""

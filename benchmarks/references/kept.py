@@ -1,8 +1,8 @@
-"""Converged pictures to take errors against: of a file, shipped with glpath, or made by Mitsuba once and kept.
+"""Converged reference pictures for errors: from a file, shipped with glpath, or made by Mitsuba once and cached.
 
-Those that are made are kept in `glpath/references` of the user's cache folder (XDG_CACHE_HOME, else ~/.cache), by
-the scene's digest and depth, batch by batch: who interrupts one goes on with it the next time. Batches have seeds
-of their own, so that the spread between them is the picture's error; it is finished when that is small enough.
+Pictures made here are cached in `glpath/references` of the user's cache folder (XDG_CACHE_HOME, else ~/.cache), by
+the scene's digest and depth, batch by batch: after an interruption, the next run continues. Batches have different
+seeds, so their spread gives the picture's error; the picture is finished when that is small enough.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from glpath.system.versions import versions
 
 Say = Callable[[str], None]
 
-#: Seeds of the batches; those that are measured are small numbers.
+#: First seed of the batches; the pictures that are measured use small seeds.
 FIRST_SEED = 1_000_000
-#: Samples of a batch, a square, as multijitter's strata are.
+#: Samples of a batch: a square number, because multijitter uses square strata.
 BATCH = 256
-# Fewer batches do not tell their spread.
+# Fewer batches do not suffice to estimate their spread.
 _LEAST_BATCHES = 8
 
 
 @dataclass(frozen=True)
 class Reference:
-    """image: (H, W, 3) radiance; relmse: its own error, NaN where nobody knows; source: where it is from"""
+    """image: (H, W, 3) radiance; relmse: its error, NaN if unknown; source: its origin"""
 
     image: Float64
     relmse: float
@@ -47,10 +47,10 @@ class Reference:
 def reference_picture(
     given: str | Path | None, scene: Scene, depth: int, mitsuba: bool, enough: float, say: Say
 ) -> Reference | None:
-    """The picture of a file; else the shipped one, else Mitsuba's, kept or made now; None without Mitsuba.
+    """Return the picture of a file; else the shipped one, else Mitsuba's, cached or new; None without Mitsuba.
 
-    scene  : a comparable one
-    enough : the relMSE that a picture may have which nobody gave
+    scene  : a comparable scene
+    enough : largest relMSE to accept of a picture that was not given
     """
     width, height = scene.camera.resolution
     if given is not None:
@@ -72,7 +72,7 @@ def reference_picture(
 
 
 def reference_folder() -> Path:
-    """Where pictures are kept that were made here."""
+    """Return the folder in which pictures made here are cached."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "glpath" / "references"
 
 
@@ -83,7 +83,7 @@ def _shipped(scene: Scene, depth: int) -> Reference | None:
     if path is None:
         return None
     image = read_image(path)
-    # What is called so may be another scene.
+    # The scene may differ from the shipped one of the same name.
     shipped = load_scene(scene.name).with_camera(resolution=(image.shape[1], image.shape[0]))
     if shipped.digest() != scene.digest():
         return None
@@ -91,7 +91,7 @@ def _shipped(scene: Scene, depth: int) -> Reference | None:
 
 
 def converged(scene: Scene, depth: int, path: Path, enough: float, say: Say) -> Reference:
-    """Mitsuba's picture, its error at most `enough`: what is kept in `path`, and as many batches more."""
+    """Return Mitsuba's picture with an error of at most `enough`; add as many batches to `path` as needed."""
     batches, mean, squares = _kept(path, scene)
     peer = None
     while batches < _LEAST_BATCHES or _relmse(batches, mean, squares) > enough:
@@ -120,7 +120,7 @@ def converged(scene: Scene, depth: int, path: Path, enough: float, say: Say) -> 
 
 
 def _kept(path: Path, scene: Scene) -> tuple[int, Float64, Float64]:
-    """Number of batches, their mean and the sum of their squares; none of what cannot be read."""
+    """Return the number of batches, their mean and the sum of their squares; zeros if the file cannot be read."""
     width, height = scene.camera.resolution
     try:
         with open_npz(path, ".npz") as stored:
@@ -132,7 +132,7 @@ def _kept(path: Path, scene: Scene) -> tuple[int, Float64, Float64]:
 
 
 def _relmse(batches: int, mean: Float64, squares: Float64) -> float:
-    """Of the mean of so many independent pictures, by the spread between them."""
+    """Return the relMSE of the mean of this many independent pictures, from their spread."""
     if batches < 2:
         return float("inf")
     variance_of_mean = np.maximum(squares / batches - mean**2, 0) / (batches - 1)

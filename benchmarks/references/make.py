@@ -1,14 +1,15 @@
-"""Makes a converged Mitsuba 3 image to compare with, and measures its own error.
+"""Makes a converged picture with Mitsuba 3, and measures its error.
 
     python -m benchmarks.references.make --out benchmarks/references/cornell-box-36-depth3.npz
 
-Many pictures of `--batch` samples, each of its own seed, are summed in float64. Because their seeds are
-independent, the spread between them gives the error of their mean. The file holds
+Many pictures of `--batch` samples with different seeds are summed in float64. Because they are independent, their
+spread gives the error of their mean. The file holds
 
 radiance  : (H, W, 3) float16, linear Rec. 709, row 0 at the top; rounding adds less than 1e-7 to relMSE
 made_with : JSON: the program and its version, scene, depth, samples, command, and `relmse_of_reference`
 
-Needs the `reference` extra. Those of 256 x 256 took about half an hour of two shared cores, and had no roulette.
+Needs the `reference` extra. Each stored 256 x 256 picture took about half an hour on two shared cores; roulette was
+off.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Converged pictures by Mitsuba 3, which a checkout has: what somebody else's renderer sees in a scene.
+"""Converged pictures by Mitsuba 3 that are part of a checkout: independent references for shipped scenes.
 
-They lie in this folder, linear radiance as float16, each with the command that made it
+They are in this folder as linear float16 radiance, each with the command that made it
 (`benchmarks/references/make.py`) and its own error.
 """
 
@@ -18,26 +18,26 @@ from glpath.film.film import read_image
 from glpath.scene.model import Float64
 from glpath.system.npz import open_npz
 
-#: Depth at which all bounces are there: what is beyond is less than a float can hold beside the rest.
+#: Depth that includes all bounces: the rest is below the precision of a float.
 ALL_BOUNCES = 64
 
 FOLDER = Path(__file__).parent
 
 
 def reference_path(scene: str, depth: int) -> Path | None:
-    """The file with the picture of a shipped scene at a path depth as PB counts it; None where none is stored."""
+    """Return the file with a shipped scene's picture at a path depth as PB counts it; None if there is none."""
     path = FOLDER / f"{scene}-depth{depth}.npz"
     return path if path.is_file() else None
 
 
 def find_reference(scene: str, depth: int) -> Float64 | None:
-    """(H, W, 3) float64 radiance of `reference_path`; None where there is none."""
+    """Return the (H, W, 3) float64 radiance of `reference_path`; None if there is none."""
     path = reference_path(scene, depth)
     return None if path is None else read_image(path)
 
 
 def error_of_reference(path: str | Path) -> float:
-    """The relMSE that a converged picture's file says it has; NaN for a file that does not say."""
+    """Return the relMSE that the file of a converged picture states; NaN if it states none."""
     if Path(path).suffix.lower() != ".npz":
         return math.nan
     with open_npz(path, ".npz") as stored:
@@ -48,7 +48,7 @@ def error_of_reference(path: str | Path) -> float:
 
 
 def stored_reference(scene: str, depth: int) -> Float64:
-    """`find_reference`, for what ships. Raises GlpathError where the file is missing."""
+    """Return `find_reference` for a shipped picture. Raises GlpathError if the file is missing."""
     found = find_reference(scene, depth)
     if found is None:
         raise GlpathError(
@@ -59,13 +59,13 @@ def stored_reference(scene: str, depth: int) -> Float64:
 
 
 def smaller(image: NDArray[np.floating], side: int) -> Float64:
-    """A square image (S, S, ...) with a side that divides S: the mean of each block, as a camera would see it."""
+    """Reduce a square image (S, S, ...) to a side that divides S, by the mean of each block."""
     n = len(image) // side
     assert image.shape[:2] == (n * side, n * side), f"{image.shape[:2]} in {side} x {side} blocks"
     return np.asarray(image.reshape(side, n, side, n, *image.shape[2:]).mean(axis=(1, 3)), float)
 
 
 def at_one_size(*images: NDArray[np.floating]) -> list[Float64]:
-    """Square images of sides that divide each other, all as small as the smallest."""
+    """Reduce square images, whose sides divide each other, to the smallest side."""
     side = min(map(len, images))
     return [smaller(image, side) for image in images]

@@ -1,1 +1,1 @@
-"""Programs that make the models which ship as files: `scenes/room.glb` and `scenes/parlour.glb`."""
+"""Programs that make the shipped models `scenes/room.glb` and `scenes/parlour.glb`, and scenes of benches."""

@@ -1,7 +1,7 @@
-"""A city of boxes on a ground: as many triangles as are wanted, and points on its ground and roofs.
+"""A city of boxes on a ground, with any number of triangles, and points on its ground and roofs.
 
-Blocks stand on a square grid a unit apart, of random widths and heights. The ground is two triangles, and a block
-has ten: it stands on the ground, so it has no bottom.
+Blocks of random widths and heights stand on a square grid with spacing 1. The ground is two triangles. A block has
+ten, because it stands on the ground and needs no bottom.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ import numpy as np
 from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes
 
 TRIANGLES_A_BLOCK = 10
-# Corners of a box, bit k for the upper end along axis k, of its roof and walls, counter-clockwise from outside.
+# Corners of a box's roof and walls, counter-clockwise from outside; bit k is set for the upper end along axis k.
 _FACES = ((4, 5, 7, 6), (0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6))
 
 
 @dataclass(frozen=True)
 class City:
-    """lower, upper : (B, 3) corners of the blocks, row by row of a square grid whose middles are a unit apart."""
+    """lower, upper : (B, 3) corners of the blocks, row by row of a square grid whose cells' middles are 1 apart."""
 
     lower: Float64
     upper: Float64
 
     @classmethod
     def of(cls, triangles: int, seed: int = 0) -> City:
-        """About so many triangles, and the same city for the same seed."""
+        """Return a city of about this many triangles; the same seed gives the same city."""
         random = np.random.default_rng(seed)
         side = max(1, round((triangles / TRIANGLES_A_BLOCK) ** 0.5))
         middle = np.stack(np.meshgrid(*[np.arange(side)] * 2), axis=-1).reshape(-1, 2)
@@ -38,12 +38,12 @@ class City:
 
     @property
     def side(self) -> int:
-        """Blocks along the grid."""
+        """Return the number of blocks along the grid."""
         return math.isqrt(len(self.lower))
 
     @property
     def triangles(self) -> Float64:
-        """(T, 3, 3): ten of each block, and the ground."""
+        """Return (T, 3, 3) triangles: ten for each block, and two for the ground."""
         which = np.array([[corner >> k & 1 for k in range(3)] for corner in range(8)], np.bool_)
         corners = np.where(which, self.upper[:, None], self.lower[:, None])
         quads = np.stack([corners[:, list(face)] for face in _FACES], axis=1)
@@ -54,7 +54,7 @@ class City:
 
     @property
     def scene(self) -> Scene:
-        """Grey, with z up, and without light."""
+        """Return a grey scene with z up and without lights."""
         return Scene(
             name=f"city of {len(self.lower):,} blocks",
             camera=Camera(np.array([-9.0, -9.0, 9.0]), np.zeros(3), np.array([0.0, 0.0, 1.0]), 40.0, (8, 8)),
@@ -63,7 +63,7 @@ class City:
         )
 
     def points(self, count: int, seed: int = 1) -> Float64:
-        """(N, 3) on the ground and the roofs, at random."""
+        """Return (N, 3) random points on the ground and the roofs."""
         random = np.random.default_rng(seed)
         points = np.zeros((count, 3))
         points[:, :2] = random.uniform(-1.0, self.side, (count, 2))

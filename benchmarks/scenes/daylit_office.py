@@ -10,16 +10,16 @@ import numpy as np
 from glpath.scene.model import Float64
 
 WIDTH, DEPTH, HEIGHT = 8.0, 6.0, 3.0
-#: Of the band of windows: its ends in x and z, and what its glass lets through at normal incidence.
+#: Window band: its range in x and in z, and the glass's transmittance at normal incidence.
 WINDOW, TRANSMITTANCE = ((0.3, 7.7), (0.9, 2.6)), 0.65
-#: Blinds, closed: what their cloth lets through, all of it scattered.
+#: Transmittance of the cloth of closed blinds, which scatter all light.
 CLOTH = 0.05
-#: Metres above the floor, and between sensors.
+#: Height of sensors above the floor, and distance between them, in metres.
 DESK, SPACING = 0.76, 0.5
 
 
 def office(blinds: bool = False) -> dict[str, Any]:
-    """A scene file's contents. blinds : all drawn, inside of the glass"""
+    """Return a scene file's contents. blinds : close all blinds inside of the glass"""
     (x0, x1), (z0, z1) = WINDOW
     wall = [
         _upright(0.0, WIDTH, 0.0, z0), _upright(0.0, WIDTH, z1, HEIGHT),
@@ -35,7 +35,7 @@ def office(blinds: bool = False) -> dict[str, Any]:
         {"type": "quad", "material": "glass", "corners": _upright(x0, x1, z0, z1)},
     ]
     if blinds:
-        # Larger than the window, so that no sun slips past its edge.
+        # The cloth is larger than the window, so that no sun passes its edge.
         cloth = _upright(x0 - 0.1, x1 + 0.1, z0 - 0.1, z1 + 0.1, 0.05)
         shapes.append({"type": "quad", "material": "cloth", "corners": cloth})
     return {
@@ -47,7 +47,7 @@ def office(blinds: bool = False) -> dict[str, Any]:
             "wall": {"reflectance": 0.5},
             "ceiling": {"reflectance": 0.8},
             "glass": {"type": "glazing", "transmittance": TRANSMITTANCE},
-            # Matte: a glossy layer over it, as principled materials have, would mirror some of the light.
+            # Matte, because the glossy layer of principled materials would mirror some of the light.
             "cloth": {"type": "principled", "reflectance": 0.5, "specular": 0.0, "diffuse_transmission": CLOTH},
         },
         "shapes": shapes,
@@ -55,7 +55,7 @@ def office(blinds: bool = False) -> dict[str, Any]:
 
 
 def as_toml(description: dict[str, Any]) -> str:
-    """A scene file of what `office` returns."""
+    """Return a scene file of what `office` returns."""
 
     def written(value: Any) -> str:
         if isinstance(value, dict):
@@ -68,7 +68,7 @@ def as_toml(description: dict[str, Any]) -> str:
 
 
 def sensors() -> Float64:
-    """(192, 3), in the middles of a grid."""
+    """Return (192, 3) sensors, in the middles of the cells of a grid."""
     x, y = (np.arange(0.5 * SPACING, end, SPACING) for end in (WIDTH, DEPTH))
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     return np.concatenate([grid, np.full((len(grid), 1), DESK)], axis=1)

@@ -1,7 +1,7 @@
-"""Furniture in triangles: seats, tables, shelves with books, lamps and what stands on them.
+"""Furniture in triangles: seats, tables, shelves with books, lamps and ornaments.
 
-Every piece stands on y = 0 about the y axis, its front towards +z; metres. It is a list of `Part`s, of which
-several may have one material. See `solids` for what is left open where one thing stands on another.
+Every piece stands on y = 0 around the y axis, with its front towards +z, in metres. It is a list of `Part`s,
+several of which may have the same material. `solids` says which faces are omitted if one thing stands on another.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from glpath.scene.tessellate import sphere
 
 @dataclass(frozen=True)
 class Part:
-    """Triangles of one material: a shape of the scene.
+    """Triangles of one material, which become a shape of the scene.
 
     corners  : (T, 3, 3) float64
     emission : radiance, W sr^-1 m^-2
@@ -49,7 +49,7 @@ Piece = list[Part]
 
 @dataclass(frozen=True)
 class Fineness:
-    """How finely to divide: `factor` times finer than by default, along every direction."""
+    """Fineness of the triangles: `factor` times finer than by default, along every direction."""
 
     factor: float = 1.0
 
@@ -57,16 +57,16 @@ class Fineness:
         return length / self.factor
 
     def turns(self, segments: int) -> int:
-        """Segments around, an even number."""
+        """Return an even number of segments around."""
         return max(4, 2 * round(segments * self.factor / 2))
 
     def steps(self, number: int) -> int:
-        """Parts of a curve, an even number."""
+        """Return an even number of parts of a curve."""
         return max(2, 2 * round(number * self.factor / 2))
 
 
 def placed(piece: Piece, by: ArrayLike, turn: float = 0.0, name: str = "") -> Piece:
-    """The piece turned about the y axis, degrees, and put there; `name` goes before the names of its parts."""
+    """Turn the piece around the y axis, in degrees, then move it; prefix the names of its parts with `name`."""
     prefix = f"{name}-" if name else ""
     return [replace(p, name=prefix + p.name, corners=moved(p.corners, by, turn)) for p in piece]
 
@@ -75,7 +75,7 @@ def placed(piece: Piece, by: ArrayLike, turn: float = 0.0, name: str = "") -> Pi
 
 
 def sofa(fine: Fineness, width: float, seats: int, cloth: str, pillow: str) -> Piece:
-    """Sofa or, with one seat, armchair: `width` x 0.92 m."""
+    """Return a sofa of `width` x 0.92 m; with one seat it is an armchair."""
     arm, deep, foot = 0.19, 0.9, 0.1
     inside = width - 2 * arm
     cell, steps = fine.cell(0.7), fine.steps(2)
@@ -86,7 +86,7 @@ def sofa(fine: Fineness, width: float, seats: int, cloth: str, pillow: str) -> P
     ]
     side = cushion((arm, 0.54, deep), 0.055, steps, cell)
     arms = [moved(side, (sx * (width - arm) / 2, foot, 0)) for sx in (-1, 1)]
-    # The seat reaches a little into the arms, where their edges are round.
+    # The seat reaches a little into the arms, because their edges are round.
     base = block((-inside / 2 - 0.02, foot, -0.43), (inside / 2 + 0.02, 0.31, 0.42), cell, "-x +x")
     back = sheared(
         moved(cushion((inside + 0.02, 0.6, 0.2), 0.06, steps, cell), (0, 0.25, -0.335)), z=-0.15, level=0.3
@@ -110,14 +110,14 @@ def sofa(fine: Fineness, width: float, seats: int, cloth: str, pillow: str) -> P
 
 
 def chair(fine: Fineness) -> Piece:
-    """Chair with turned legs and a back of spindles, 0.46 x 0.44 m."""
+    """Return a chair with turned legs and a back of spindles, 0.46 x 0.44 m."""
     around, thin = fine.turns(6), fine.turns(4)
     high = 0.43
     leg = turned(_baluster(high, 0.014, 0.021, 0.026), around)
     legs = []
     for sx in (-1, 1):
         for sz in (-1, 1):
-            # Each foot stands a little outside of where its leg meets the seat.
+            # Each foot stands a little outside of the point where its leg meets the seat.
             legs.append(moved(sheared(leg, -0.09 * sx, -0.09 * sz, high), (sx * 0.165, 0, sz * 0.155)))
     seat = moved(cushion((0.46, 0.045, 0.44), 0.018, fine.steps(2), fine.cell(0.5)), (0, high, 0))
     top = high + 0.045
@@ -137,7 +137,7 @@ def chair(fine: Fineness) -> Piece:
 
 
 def _baluster(height: float, foot: float, neck: float, swell: float) -> Profile:
-    """A turned leg, open at both ends."""
+    """Return the profile of a turned leg, open at both ends."""
     h = height
     return [
         (foot, 0),
@@ -153,7 +153,7 @@ def _baluster(height: float, foot: float, neck: float, swell: float) -> Profile:
 
 
 def table(fine: Fineness, width: float, depth: float, height: float = 0.75) -> Piece:
-    """Table on four turned legs with an apron below its top."""
+    """Return a table on four turned legs, with an apron below its top."""
     thick, head, tall = 0.035, 0.075, 0.15
     under = height - thick
     cell = fine.cell(0.8)
@@ -179,7 +179,7 @@ def table(fine: Fineness, width: float, depth: float, height: float = 0.75) -> P
 
 
 def pedestal_table(fine: Fineness, height: float = 0.58) -> Piece:
-    """Round table on one turned post."""
+    """Return a round table on one turned post."""
     h = height
     profile: Profile = [
         (0.15, 0), (0.15, 0.012), (0.06, 0.04), (0.022, 0.1), *arc((0.022, 0.12), (0.022, 0.34), 0.1, 3),
@@ -192,7 +192,7 @@ def pedestal_table(fine: Fineness, height: float = 0.58) -> Piece:
 
 
 def bookcase(fine: Fineness, width: float, height: float, colours: Sequence[str], seed: int) -> Piece:
-    """Bookcase of two bays against a wall: x from 0 to width, its back in the wall's plane z = 0."""
+    """Return a bookcase of two bays against a wall: x from 0 to width, its back in the plane z = 0 of the wall."""
     deep, side, board, backing = 0.32, 0.03, 0.022, 0.012
     cell = fine.cell(0.6)
     levels = [0.1 + i * (height - side - 0.1) / 5 for i in range(5)]
@@ -219,7 +219,7 @@ def bookcase(fine: Fineness, width: float, height: float, colours: Sequence[str]
 def _row_of_books(
     rng: np.random.Generator, x0: float, x1: float, low: float, high: float, deep: float, colours: Sequence[str]
 ) -> list[tuple[str, Float64]]:
-    """Books side by side from the left, in runs of one series, to where the row ends; then there is room left."""
+    """Return books side by side from the left, in runs of one series; the row ends at random before `x1`."""
     found: list[tuple[str, Float64]] = []
     x, end = x0 + 0.006, x0 + (x1 - x0) * rng.uniform(0.45, 0.9)
     while x < end:
@@ -235,11 +235,11 @@ def _row_of_books(
     return found
 
 
-# What stands on tables and shelves
+# Ornaments
 
 
 def vase(fine: Fineness, material: str, height: float, belly: float, neck: float, segments: int = 10) -> Piece:
-    """Vase, open at its mouth; belly and neck are radii."""
+    """Return a vase, open at its mouth; belly and neck are radii."""
     h, wall = height, 0.006
     outer = [
         (0.55 * belly, 0), (0.6 * belly, 0.02 * h),
@@ -253,7 +253,7 @@ def vase(fine: Fineness, material: str, height: float, belly: float, neck: float
 
 
 def bowl(fine: Fineness, material: str, radius: float, fruit: Sequence[str]) -> Piece:
-    """A shallow bowl with a few fruits."""
+    """Return a shallow bowl with a few fruits."""
     h = 0.42 * radius
     profile = [
         (0.35 * radius, 0), (0.32 * radius, 0.1 * h),
@@ -273,7 +273,7 @@ def bowl(fine: Fineness, material: str, radius: float, fruit: Sequence[str]) -> 
 
 
 def candlestick(fine: Fineness, height: float = 0.24) -> Piece:
-    """Candlestick with a candle."""
+    """Return a candlestick with a candle."""
     h = height
     profile: Profile = [
         (0.055, 0), (0.055, 0.008), (0.03, 0.022), (0.012, 0.05), (0.02, 0.06),
@@ -288,7 +288,7 @@ def candlestick(fine: Fineness, height: float = 0.24) -> Piece:
 
 
 def clock(fine: Fineness) -> Piece:
-    """Mantel clock: a case with a round dial."""
+    """Return a mantel clock: a case with a round dial."""
     case = block((-0.1, 0.03, -0.05), (0.1, 0.27, 0.05), fine.cell(0.3), "-y +y")
     foot = block((-0.125, 0, -0.065), (0.125, 0.03, 0.065), fine.cell(0.3), "-y")
     roof = moved(turned([(0.12 * np.sqrt(2), 0.27), (0.1 * np.sqrt(2), 0.29), (0, 0.34)], 4), turn=45)
@@ -308,7 +308,7 @@ def clock(fine: Fineness) -> Piece:
 
 
 def torchere(fine: Fineness, radiance: tuple[float, float, float], height: float = 1.78) -> Piece:
-    """Standing lamp whose bowl hides the light from the room: it lights the ceiling."""
+    """Return a standing lamp that lights the ceiling; its bowl hides the light from the room."""
     h, glow = height, 0.14
     profile: Profile = [
         (0.15, 0), (0.15, 0.014), (0.05, 0.03), (0.016, 0.06), (0.013, 0.3), (0.022, 0.32), (0.013, 0.34),
@@ -321,7 +321,7 @@ def torchere(fine: Fineness, radiance: tuple[float, float, float], height: float
 
 
 def table_lamp(fine: Fineness, radiance: tuple[float, float, float]) -> Piece:
-    """Lamp with a shade that glows."""
+    """Return a lamp with a glowing shade."""
     around = fine.turns(12)
     foot: Profile = [
         (0.07, 0), (0.07, 0.012), *arc((0.05, 0.02), (0.03, 0.22), 0.3, fine.steps(4)), (0.012, 0.24),
@@ -332,7 +332,7 @@ def table_lamp(fine: Fineness, radiance: tuple[float, float, float]) -> Piece:
 
 
 def ceiling_light(fine: Fineness, side: float, radiance: tuple[float, float, float]) -> Piece:
-    """A square fitting that hangs down from y = 0: a rim, and the light between it."""
+    """Return a square fitting that hangs down from y = 0: a rim around the light."""
     profile: Profile = [(0, 0), (0, 0.07), (0.02, 0.085), (0.05, 0.085), (0.06, 0.06)]
     rim = framed(side, side, profile, fine.cell(0.6))
     half = side / 2 - 0.06

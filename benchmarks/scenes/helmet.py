@@ -1,10 +1,11 @@
-"""A weathered helmet of 70,000 triangles with four textures of 2048 x 2048, as a model from an artist may be.
+"""A weathered helmet of 70,000 triangles with four 2048 x 2048 textures, similar to an artist's model.
 
-One closed shell of metal and paint with a visor that glows along its rim: base colour, metal and roughness, normals
-and emission. No light and no sky: a viewer puts its own around it. Metres; y up, the visor towards +z.
+It is one closed shell of metal and paint, with a visor that glows along its rim: base colour, metal and roughness,
+normals and emission. There are no lights and no sky, because a viewer adds its own. Units are metres; y is up, and
+the visor faces +z.
 
-Source: proportions and maps like DamagedHelmet's, https://github.com/KhronosGroup/glTF-Sample-Assets; all of it is
-        made here. An occlusion map is left out, as path tracing finds occlusion itself.
+Source: proportions and maps follow DamagedHelmet, https://github.com/KhronosGroup/glTF-Sample-Assets, but all data
+        is made here. There is no occlusion map, because path tracing computes occlusion.
 """
 
 from __future__ import annotations
@@ -15,15 +16,15 @@ from benchmarks.scenes.patterns import UInt8, noise, normals
 from glpath.film.image import encode_srgb
 from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes, Texture, TextureSlot
 
-#: Of the textures, pixels.
+#: Side of the textures, in pixels.
 SIDE = 2048
-#: Quads around and from pole to pole: 70,000 triangles.
+#: Number of quads around and from pole to pole: 70,000 triangles.
 COLUMNS, ROWS = 250, 141
 _RADIUS = 0.9
 
 
 def helmet(side: int = SIDE, columns: int = COLUMNS, rows: int = ROWS) -> Scene:
-    """The helmet, with textures of side x side; `columns` and `rows` of quads, 2 columns (rows - 1) triangles."""
+    """Return the helmet with side x side textures and columns x rows quads: 2 columns (rows - 1) triangles."""
     shell = Shape("shell", _shell(columns, rows), 0, emission=np.ones(3))
     material = Material(
         "weathered",
@@ -49,7 +50,7 @@ def helmet(side: int = SIDE, columns: int = COLUMNS, rows: int = ROWS) -> Scene:
 
 
 def _shell(columns: int, rows: int) -> Mesh:
-    """A sphere with a crest, ears, dents and a visor set back; its vertices are twice along the seam u = 0 = 1."""
+    """Return a sphere with crest, ears, dents and a recessed visor; vertices on the seam u = 0 = 1 occur twice."""
     u, v = np.meshgrid(np.arange(columns + 1) / columns, np.arange(rows + 1) / rows)
     radius = _RADIUS * (1 + 0.10 * _crest(u, v) - 0.07 * _visor(u, v) + 0.12 * _ears(u, v) - 0.03 * _dents(u, v))
     theta, phi = np.pi * (1 - v), 2 * np.pi * u
@@ -57,7 +58,7 @@ def _shell(columns: int, rows: int) -> Mesh:
     vertices = (radius[..., None] * at * [1.0, 1.1, 1.05]).reshape(-1, 3)
     number = np.arange((rows + 1) * (columns + 1)).reshape(rows + 1, columns + 1)
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
-    # No triangle without an area at the poles, where a row's vertices are one point.
+    # Omit the triangles without area at the poles, where a row's vertices coincide.
     below, above = np.stack([a, b, c], axis=-1)[1:], np.stack([a, c, d], axis=-1)[:-1]
     faces = np.concatenate([below.reshape(-1, 3), above.reshape(-1, 3)])
     return Mesh(
@@ -69,7 +70,7 @@ def _shell(columns: int, rows: int) -> Mesh:
 
 
 def _smooth(vertices: Float64, faces: np.ndarray[tuple[int, int], np.dtype[np.int64]], row: int) -> Float64:
-    """(V, 3) unit normals of vertices in rows, whose first and last are at one point."""
+    """Return (V, 3) unit normals of vertices in rows; the vertices of the first and of the last row coincide."""
     corners = vertices[faces]
     crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     found = np.zeros_like(vertices)
@@ -82,7 +83,7 @@ def _smooth(vertices: Float64, faces: np.ndarray[tuple[int, int], np.dtype[np.in
     return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
 
-# Parts of the shell, 0 to 1, by texture coordinates: u goes round from the back, v from chin to crown.
+# Parts of the shell, 0 to 1, by texture coordinates: u goes around from the back, v from chin to crown.
 
 
 def _step(x: Float64) -> Float64:

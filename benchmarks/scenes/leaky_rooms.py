@@ -1,10 +1,10 @@
-"""Rooms whose light passes narrow gaps, where coarse elements of a radiosity solution leak light or shadow.
+"""Rooms whose light passes narrow gaps, at which coarse elements of a radiosity solution leak light or shadow.
 
 `ROOMS` has a builder for each named room. `room(name)` returns its scene dictionary, as `glpath.render` takes it.
-`held_out(seed)` returns a random room of one of the kinds, which nobody has tuned to.
+`held_out(seed)` returns a random room of one of the kinds, to which nothing was tuned.
 
 A room is closed, about 4 x 3 x 6 m, diffuse and light. x is to the right, y up, and the camera looks along -z.
-Shapes touch walls by open edges: the face that would coincide with another face is left out.
+Shapes touch walls with open edges: a face that would coincide with another one is omitted.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 Shape = dict[str, Any]
 SceneDict = dict[str, Any]
 Point = tuple[float, float, float]
-#: Lower and upper corner in the two axes of a wall, in the order x, y, z.
+#: Lower and upper corner in the two axes of a wall, which are in the order x, y, z.
 Hole = tuple[tuple[float, float], tuple[float, float]]
 
 MATERIALS = {
@@ -44,8 +44,9 @@ _FACES = {
 class Interior:
     """Size and furniture of a room.
 
-    half_width, height, half_depth : x is from -half_width to half_width, z alike, y from 0 to height; metres
-    furniture                      : shapes that stand in the room besides its own
+    half_width, height, half_depth : x and z are within half_width and half_depth of 0, y is from 0 to height;
+                                     metres
+    furniture                      : further shapes that stand in the room
     """
 
     half_width: float = 2.0
@@ -78,9 +79,9 @@ def box(
 ) -> Shape:
     """Return a box with its fronts outward.
 
-    without  : faces that are left out, such as "-y" where the box stands on a floor
-    radiance : emitted by all faces
-    turn     : a point and an angle in degrees, by which the box is turned about the vertical axis there
+    without  : faces to omit, such as "-y" if the box stands on a floor
+    radiance : radiance that all faces emit
+    turn     : a point and an angle in degrees, to turn the box around the vertical axis through the point
     """
     corners = np.array([[(lower, upper)[i >> axis & 1][axis] for axis in range(3)] for i in range(8)])
     if turn is not None:
@@ -153,7 +154,7 @@ def _emitting(shape: Shape, radiance: float | None) -> Shape:
 def shell(interior: Interior, holes: dict[str, list[Hole]] | None = None) -> list[Shape]:
     """Return the six walls of a room, facing inward.
 
-    holes : of the walls "-x" (the left one), "+x", "-y" (the floor), "+y", "-z" (the back wall) and "+z"
+    holes : holes in the walls "-x" (the left one), "+x", "-y" (the floor), "+y", "-z" (the back wall) and "+z"
     """
     shapes = []
     for side in _SIDES:
@@ -177,7 +178,7 @@ def scene(
 ) -> SceneDict:
     """Return the scene of a room with shapes in it, and its furniture.
 
-    position : of the camera; at the front wall without it
+    position : position of the camera; by default at the front wall
     """
     position = (0.0, 1.5, interior.half_depth - 0.1) if position is None else position
     return {
@@ -360,7 +361,7 @@ def sun_blinds(interior: Interior = STANDARD, slats: int = 20, tilt: float = 35.
 def thin_walls(interior: Interior = STANDARD, thickness: float = 0.0, opening: float = 0.8) -> SceneDict:
     """Return a dark room, and a lit room behind a thin wall with an opening from the floor up.
 
-    thickness : of the wall; 0 is one layer of quads
+    thickness : thickness of the wall; 0: a single layer of quads
     """
     half, height, tall = interior.half_width, interior.height, 2.0
     hole = ((0.5, 0.5 + opening), (0.0, tall))
@@ -455,7 +456,7 @@ def _random_furniture(rng: np.random.Generator, interior: Interior) -> tuple[Sha
 
 
 def held_out(seed: int) -> SceneDict:
-    """Return a random room: size, lamp, gap and furniture follow from `seed`. Kinds take turns, 13 in all."""
+    """Return a random room: `seed` determines size, lamp, gap, furniture and one of 13 kinds, in turns."""
     rng = np.random.default_rng(seed)
     width, height, depth = (float(value) for value in rng.uniform((1.6, 2.6, 2.5), (2.6, 3.4, 3.5)))
     interior = Interior(width, height, depth)

@@ -1,8 +1,8 @@
-"""A furnished room with textures, of materials as glTF has them: what a user's own model may look like.
+"""A furnished room with textures and glTF's materials, similar to a user's own model.
 
-Boards, wallpaper, plaster, a woven rug, linen and wood with normal maps and roughness; a window of two casements,
-one with its pane and one that stands open, and what is seen through it; a brass lamp, a glass vase, a mirror, a
-painting. Metres; x along the back wall, y up, z from it into the room.
+It has boards, wallpaper, plaster, a woven rug, linen and wood with normal maps and roughness; a window of two
+casements, one with its pane and an open one, and the view through it; a brass lamp, a glass vase, a mirror and a
+painting. Units are metres; x runs along the back wall, y up, and z from it into the room.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from benchmarks.scenes.patterns import Pattern
 from benchmarks.scenes.solids import Profile, arc, block, cushion, framed, moved, patch, turned
 from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes, Texture, TextureSlot
 
-#: The room reaches from 0 to this.
+#: Size of the room, whose corner is at 0.
 ROOM = (4.6, 2.7, 5.2)
 W, H, D = ROOM
-# The window is in the wall x = 0: from and to along z, from and to upwards.
+# The window in the wall x = 0: its range along z, then its range in y.
 _WINDOW = (1.25, 2.95, 0.85, 2.25)
-_DEEP = 0.22  # of the wall, and so of the reveal
+_DEEP = 0.22  # thickness of the wall, and so depth of the reveal
 # W sr^-1 m^-2
 _DAYLIGHT, _CEILING, _SHADE, _CANDLE = (5.0, 5.0, 5.0), (26.0, 21.0, 14.5), (14.0, 9.6, 4.9), (30.0, 17.0, 5.0)
 _RUG = (0.95, 3.55, 1.15, 2.9)
-# Of two triangles that meet, degrees up to which they are one round surface.
+# Largest angle in degrees between adjacent triangles of one smooth surface.
 _CREASE = 38.0
 
 
 def parlour() -> Scene:
-    """Textured room by daylight and a lamp: normal maps, metal, glass, a mirror."""
+    """Return the room by daylight and a lamp, with normal maps, metal, glass and a mirror."""
     fine = Fineness(2.0)
     surfaces = _Surfaces()
     parts = [*_walls(), *_window(), *_on_the_floor(fine), *_ornaments(fine)]
@@ -67,7 +67,7 @@ def parlour() -> Scene:
 
 
 class _Surfaces:
-    """Materials and textures that parts ask for, in the order in which they do."""
+    """The materials and textures that parts use, in the order of their first use."""
 
     def __init__(self) -> None:
         self.materials: list[Material] = []
@@ -82,7 +82,7 @@ class _Surfaces:
         return self._numbers[name]
 
     def mesh(self, part: Part) -> Mesh:
-        """Its triangles with smooth normals where it is round, and coordinates where its material has textures."""
+        """Return a part's mesh with smooth normals, and with coordinates if its material has textures."""
         pattern = _MATERIALS[part.material].get("pattern")
         uv = None if pattern is None else _coordinates(part.corners, _PATTERNS[pattern][1])
         mesh = Mesh.of_triangles(part.corners, uv)
@@ -95,7 +95,7 @@ class _Surfaces:
         if pattern == "view":
             slots = {"emission_texture": slots["texture"]}
         if "surface_texture" in slots:
-            fields["roughness"] = 1.0  # which the texture multiplies
+            fields["roughness"] = 1.0  # the texture multiplies it
         colour = np.array(fields.pop("colour", (1.0, 1.0, 1.0)), float)
         return Material(name, colour, **slots, **fields)
 
@@ -115,7 +115,7 @@ class _Surfaces:
         return self._slots[name]
 
 
-#: What makes each, and the metres that one repeat of it covers; 0 is once over the whole part.
+#: The function that makes each pattern, and the side of one repeat in metres; 0 fits the pattern to the whole part.
 _PATTERNS: dict[str, tuple[Any, float]] = {
     "boards": (lambda: patterns.boards(1), 1.6),
     "wallpaper": (lambda: patterns.wallpaper(2, (0.30, 0.42, 0.36), (0.50, 0.58, 0.46)), 0.46),
@@ -163,10 +163,10 @@ _MATERIALS: dict[str, dict[str, Any]] = {
 
 
 def _coordinates(corners: Float64, repeat: float) -> Float64:
-    """(T, 3, 2): seen along the axis that each face looks along most; `repeat` in metres, 0 fits one in."""
+    """Return (T, 3, 2) coordinates, projected along each face's main axis; `repeat` in metres, 0 fits the part."""
     edges = corners[:, 1:] - corners[:, :1]
     axis = np.argmax(np.abs(np.cross(edges[:, 0], edges[:, 1])), axis=1)
-    # Upwards is v where there is an upwards; on floors it is along z.
+    # v is up on upright faces, and along z on horizontal ones.
     across, up = np.array([2, 0, 0])[axis], np.array([1, 2, 1])[axis]
     rows = np.arange(len(corners))
     flat = np.stack([corners[rows, :, across], corners[rows, :, up]], axis=2)
@@ -177,7 +177,7 @@ def _coordinates(corners: Float64, repeat: float) -> Float64:
 
 
 def _smooth(corners: Float64) -> Float64:
-    """(3 T, 3) normals of corners: the mean of the faces that meet there and are not beyond a crease."""
+    """Return (3 T, 3) normals of corners: the mean of the adjacent faces that are not beyond a crease."""
     edges = corners[:, 1:] - corners[:, :1]
     weighted = np.cross(edges[:, 0], edges[:, 1])
     unit = weighted / np.linalg.norm(weighted, axis=1, keepdims=True)
@@ -227,7 +227,7 @@ def _walls() -> Piece:
 
 
 def _window() -> Piece:
-    """The reveal, a board, a fixed casement and an open one, and what is seen through them."""
+    """Return the reveal, a board, a fixed and an open casement, and the view through them."""
     z0, z1, y0, y1 = _WINDOW
     out = -_DEEP
     reveal = [
@@ -238,7 +238,7 @@ def _window() -> Piece:
     ]
     board = block((0, y0 - 0.035, z0 - 0.06), (0.14, y0, z1 + 0.06), without="-x")
     half = (z1 - z0) / 2
-    # A casement about the origin of the xy plane, its front towards +z; the wall's inside is towards +x.
+    # A casement around the origin of the xy plane, with its front towards +z; the inside of the wall is towards +x.
     bars: Profile = [(0, -0.02), (0, 0.02), (0.045, 0.02), (0.05, 0.0), (0.045, -0.02), (0, -0.02)]
     frame = framed(half, y1 - y0, bars)
     inner = np.array([half, y1 - y0]) / 2 - 0.047
@@ -246,7 +246,7 @@ def _window() -> Piece:
     glazing = patch([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)])
     bar = block((-x, -0.012, -0.012), (x, 0.012, 0.012), without="-x +x")
     middle = (y0 + y1) / 2
-    # The one that opens hangs on the jamb nearest to the camera, and stands into the room.
+    # The open casement hangs on the jamb nearest to the camera, and stands into the room.
     swing = 30.0
     hinge = np.array([0.0, middle, z1])
     leaf = np.array([np.sin(np.radians(swing)), 0.0, -np.cos(np.radians(swing))]) * half / 2
@@ -264,11 +264,11 @@ def _window() -> Piece:
     ]
 
 
-# What stands in the room
+# Furniture and ornaments
 
 
 def _as(piece: Piece, materials: dict[str, str]) -> Piece:
-    """The piece of other materials."""
+    """Return the piece with other materials."""
     return [Part(p.name, materials.get(p.material, p.material), p.corners, p.emission) for p in piece]
 
 
@@ -309,7 +309,7 @@ def _ornaments(fine: Fineness) -> Piece:
 
 
 def _glass_vase(fine: Fineness) -> Piece:
-    """Closed all around, as the inside of glass is between its two walls."""
+    """Return a closed surface, because the glass is between the vase's two walls."""
     h, belly, neck, wall = 0.27, 0.075, 0.032, 0.006
     steps = fine.steps(6)
     outer = [
@@ -325,7 +325,7 @@ def _glass_vase(fine: Fineness) -> Piece:
 
 
 def _framed(what: str, width: float, height: float, at: Sequence[float], wood: str) -> Piece:
-    """Something flat in a frame on the back wall."""
+    """Return a flat thing in a frame on the back wall."""
     profile: Profile = [(0, 0), (0, 0.02), (0.012, 0.034), (0.04, 0.026), (0.055, 0.014), (0.06, 0.006)]
     x, y = width / 2 - 0.06, height / 2 - 0.06
     shown = patch([(-x, -y, 0.006), (x, -y, 0.006), (x, y, 0.006), (-x, y, 0.006)])

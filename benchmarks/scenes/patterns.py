@@ -1,8 +1,8 @@
-"""Textures that a program makes, for scenes that ship: wood, cloth, paper, plaster, a painting, a view.
+"""Procedural textures for shipped scenes: wood, cloth, paper, plaster, a painting, a view.
 
-Each is made of noise by a fixed seed, the same on every machine but for the last bit of a transcendental function.
-All repeat without a seam, but for those that show one thing. Pixels are uint8, row 0 at the top; colours are of
-sRGB, and what is no colour is linear. Bumps are heights in texels, of which `normals` makes a normal map.
+Each is made of noise with a fixed seed, and is equal on all machines but for the last bit of transcendental
+functions. All repeat seamlessly, except those of a single subject. Pixels are uint8, row 0 at the top; colours are
+sRGB, other data is linear. Bumps are heights in texels, from which `normals` makes a normal map.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ UInt8 = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Pattern:
-    """What a surface looks like.
+    """The textures of a surface.
 
     colour : (h, w, 3) sRGB
-    bumps  : (h, w, 3), a normal map; None where it is flat
-    finish : (h, w, 3) linear, roughness in green and metal in blue; None where it is the same all over
+    bumps  : (h, w, 3) normal map; None if it is flat
+    finish : (h, w, 3) linear, roughness in green and metal in blue; None if it is uniform
     """
 
     colour: UInt8
@@ -33,9 +33,9 @@ class Pattern:
 
 
 def noise(rng: np.random.Generator, side: int, fall: float, stretch: tuple[float, float] = (1.0, 1.0)) -> Float64:
-    """(side, side), mean 0 and deviation 1, repeating: of amplitudes that fall with frequency to the power `fall`.
+    """Return (side, side) periodic noise, mean 0, deviation 1: amplitudes fall as frequency to the power `fall`.
 
-    stretch : how much longer its features are along x and along y
+    stretch : factors of the features' lengths along x and along y
     """
     frequency = np.fft.fftfreq(side) * side
     fx, fy = np.meshgrid(frequency * stretch[0], frequency * stretch[1])
@@ -47,10 +47,10 @@ def noise(rng: np.random.Generator, side: int, fall: float, stretch: tuple[float
 
 
 def normals(height: Float64) -> UInt8:
-    """(h, w, 3): the normal map of heights (h, w) in texels, which repeat."""
+    """Return the (h, w, 3) normal map of periodic heights (h, w) in texels."""
     dx = (np.roll(height, -1, axis=1) - np.roll(height, 1, axis=1)) / 2
     dy = (np.roll(height, -1, axis=0) - np.roll(height, 1, axis=0)) / 2
-    # v runs upwards, against the rows.
+    # v increases upwards, opposite to the rows.
     n = np.stack([-dx, dy, np.ones_like(height)], axis=2)
     n /= np.linalg.norm(n, axis=2, keepdims=True)
     return np.asarray(np.round(127.5 + 127.5 * n), np.uint8)
@@ -73,7 +73,7 @@ def _mixed(share: ArrayLike, one: ArrayLike, other: ArrayLike) -> Float64:
 
 
 def boards(seed: int, side: int = 512, count: int = 8) -> Pattern:
-    """Floor boards along y, each of a colour and grain of its own, with bevelled edges."""
+    """Return floor boards along y, with different colours and grains, and with bevelled edges."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:side, :side]
     wide = side // count
@@ -95,7 +95,7 @@ def boards(seed: int, side: int = 512, count: int = 8) -> Pattern:
 
 
 def wood(seed: int, dark: ArrayLike, light: ArrayLike, side: int = 256) -> Pattern:
-    """Planed wood, its grain along y."""
+    """Return planed wood, with its grain along y."""
     rng = np.random.default_rng(seed)
     grain, wave = noise(rng, side, 1.0, (20.0, 1.0)), noise(rng, side, 2.2, (6.0, 1.0))
     share = 0.5 + 0.16 * grain + 0.22 * np.sin(7 * wave)
@@ -103,7 +103,7 @@ def wood(seed: int, dark: ArrayLike, light: ArrayLike, side: int = 256) -> Patte
 
 
 def wallpaper(seed: int, ground: ArrayLike, figure: ArrayLike, side: int = 256) -> Pattern:
-    """A damask: a figure that is smoother than its ground, and a little proud of it."""
+    """Return a damask: a figure that is smoother than its ground, and slightly raised."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:side, :side] * (2 * np.pi / side)
 
@@ -111,7 +111,7 @@ def wallpaper(seed: int, ground: ArrayLike, figure: ArrayLike, side: int = 256) 
         leaf = np.cos(x) + np.cos(y) + 0.55 * np.cos(3 * x) * np.cos(2 * y) + 0.35 * np.cos(5 * y) * np.cos(2 * x)
         return np.asarray(leaf)
 
-    # Every other row is half a repeat aside.
+    # Every other row is shifted by half a repeat.
     field = np.maximum(bloom(x, 2 * y), bloom(x + np.pi, 2 * y + np.pi))
     share = 1 / (1 + np.exp(-7 * (field - 1.05)))
     paper = noise(rng, side, 0.6)
@@ -120,7 +120,7 @@ def wallpaper(seed: int, ground: ArrayLike, figure: ArrayLike, side: int = 256) 
 
 
 def plaster(seed: int, side: int = 256) -> Pattern:
-    """White paint on what a trowel left."""
+    """Return white paint over marks of a trowel."""
     rng = np.random.default_rng(seed)
     coarse, fine = noise(rng, side, 1.6), noise(rng, side, 0.5)
     colour = np.array([0.80, 0.78, 0.73]) * (1 + 0.012 * coarse)[..., None]
@@ -128,7 +128,7 @@ def plaster(seed: int, side: int = 256) -> Pattern:
 
 
 def cloth(seed: int, side: int = 128, threads: int = 16) -> Pattern:
-    """Grey linen, to be coloured by the material: threads over and under each other."""
+    """Return grey linen, whose colour the material multiplies: threads that cross over and under each other."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:side, :side] * (threads / side)
     over = (np.floor(x) + np.floor(y)) % 2
@@ -140,7 +140,7 @@ def cloth(seed: int, side: int = 128, threads: int = 16) -> Pattern:
 
 
 def rug(seed: int, size: tuple[int, int] = (384, 256)) -> Pattern:
-    """A woven rug (width, height) with a border, lozenges and a medallion; it does not repeat."""
+    """Return a woven rug (width, height) with a border, lozenges and a medallion; it does not repeat."""
     rng = np.random.default_rng(seed)
     width, height = size
     y, x = np.mgrid[:height, :width].astype(float)
@@ -165,7 +165,7 @@ def rug(seed: int, size: tuple[int, int] = (384, 256)) -> Pattern:
 
 
 def painting(seed: int, size: tuple[int, int] = (320, 240)) -> Pattern:
-    """Hills in the evening, in oil: (width, height)."""
+    """Return a painting in oil of hills in the evening: (width, height)."""
     rng = np.random.default_rng(seed)
     width, height = size
     y, x = np.mgrid[:height, :width] / float(height)
@@ -185,7 +185,7 @@ def painting(seed: int, size: tuple[int, int] = (320, 240)) -> Pattern:
 
 
 def view(seed: int, size: tuple[int, int] = (256, 256)) -> UInt8:
-    """(height, width, 3): what is seen out of a window, a sky over trees and a lawn."""
+    """Return (height, width, 3), the view from a window: a sky over trees and a lawn."""
     rng = np.random.default_rng(seed)
     width, height = size
     y = np.mgrid[:height, :width][0] / float(height)

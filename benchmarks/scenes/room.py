@@ -1,10 +1,10 @@
-"""A furnished room of 14,920 triangles, as many as that of [PB 5, figures 11 to 13] has, which itself is lost.
+"""A furnished room of 14,920 triangles, the number of the lost room of [PB 5, figures 11 to 13].
 
-A fireplace with posts between two doors, under ceiling beams; a table with chairs, a sofa and an armchair around
-the fire, shelves of books, pictures, lamps. Metres; x along the wall of the fireplace, y up, z from it into the
-room. All is diffuse and one-sided. What touches leaves one of the two faces out, and walls have holes where
-something stands before them, so that no two surfaces coincide and hardly any part of one is hidden. Large surfaces
-are divided, so that a triangle will do as a patch of a radiosity solution.
+It has a fireplace with posts between two doors, under ceiling beams; a table with chairs, a sofa and an armchair
+around the fire, shelves of books, pictures and lamps. Units are metres; x runs along the wall of the fireplace, y
+up, and z from it into the room. Everything is diffuse and one-sided. Of two touching faces one is omitted, and
+walls have holes behind things that stand before them, so that no surfaces coincide and hardly any part is hidden.
+Large surfaces are divided, so that each triangle can be a patch of a radiosity solution.
 
 [PB] B. Walter, J. Lengyel, "The Path-Buffer", PCG-95-4, Cornell University, 1995.
 """
@@ -22,7 +22,7 @@ from benchmarks.scenes.furniture import Fineness, Part, Piece, placed
 from benchmarks.scenes.solids import Profile, block, lines, moved, outside, patch, sheet, skin, turned
 from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes
 
-#: The room reaches from 0 to this.
+#: Size of the room, whose corner is at 0.
 ROOM = (6.6, 2.8, 7.0)
 W, H, D = ROOM
 MIDDLE = W / 2
@@ -80,9 +80,9 @@ _COLOURS = {
 
 
 def room(detail: float = 1.0) -> Scene:
-    """Furnished room with a fireplace, lit by lamps.
+    """Return a furnished room with a fireplace, lit by lamps.
 
-    detail : how finely it is divided, from 0.25 to 16: 14,920 triangles at 1, 34,696 at 4
+    detail : fineness of the triangles, from 0.25 to 16: 14,920 triangles at 1, 34,696 at 4
     """
     fine = Fineness(float(np.sqrt(detail)))
     parts = [
@@ -108,7 +108,7 @@ def room(detail: float = 1.0) -> Scene:
 
 
 def _scene(parts: Sequence[Part], camera: Camera) -> Scene:
-    """Of coordinates of 32 bits, as a model file has them."""
+    """Return a scene with 32-bit coordinates, as in a model file."""
     names = [name for name in _COLOURS if any(part.material == name for part in parts)]
     shapes = [
         Shape(
@@ -128,25 +128,25 @@ def _scene(parts: Sequence[Part], camera: Camera) -> Scene:
     )
 
 
-# The walls, and what stands before them
+# Walls, and what stands before them
 
 _Rectangle = tuple[float, float, float, float]  # from, to along; from, to up
 
 _SKIRTING_HIGH, _SKIRTING_DEEP = 0.12, 0.018
-_BREAST, _BREAST_DEEP = (MIDDLE - 1.1, MIDDLE + 1.1), 0.5  # the chimney's
+_BREAST, _BREAST_DEEP = (MIDDLE - 1.1, MIDDLE + 1.1), 0.5  # of the chimney
 _BEAMS = [(float(x) - 0.075, float(x) + 0.075) for x in W * (np.arange(6) + 0.5) / 6]
 _BEAM_HIGH = 0.19
 _BOOKCASE = (1.35, 3.55)  # along z, on the left wall
 _BOOKCASE_HIGH, _BOOKCASE_DEEP = 2.16, 0.32
 _CASING, _CASING_DEEP = 0.1, 0.022
 _DOOR_WIDE, _DOOR_HIGH, _DOOR_DEEP = 0.86, 2.04, 0.07
-_DOORS = {"left": 1.0, "right": W - 1.0}  # where their middles are, on the wall of the fireplace
+_DOORS = {"left": 1.0, "right": W - 1.0}  # middles of the doors, on the wall of the fireplace
 _HEARTH, _HEARTH_HIGH = 1.15, 0.06
 _RUG = (2.3, 4.8, 1.65, 3.5)
 
 
 def _on(wall: str, corners: Float64) -> Float64:
-    """From (along to the right, up, out of the wall), as seen from within, to the room."""
+    """Map (along to the right, up, out of the wall), seen from inside, to coordinates of the room."""
     origin, along, out = {
         "back": ((0, 0, 0), (1, 0, 0), (0, 0, 1)),
         "left": ((0, 0, D), (0, 0, -1), (1, 0, 0)),
@@ -157,7 +157,7 @@ def _on(wall: str, corners: Float64) -> Float64:
 
 
 def _hung(piece: Piece, wall: str, along: float, up: float, out: float = 0.0, name: str = "") -> Piece:
-    """A piece made around the origin of the xy plane, on a wall."""
+    """Put a piece that is centred on the origin of the xy plane onto a wall."""
     return [
         Part(f"{name}-{p.name}", p.material, _on(wall, moved(p.corners, (along, up, out))), p.emission)
         for p in piece
@@ -192,7 +192,7 @@ def _walls(fine: Fineness) -> Piece:
         us = lines(0, length, cell, [u for hole in holes for u in hole[:2]])
         vs = lines(_SKIRTING_HIGH, H, cell, [v for hole in holes for v in hole[2:]])
         face = sheet((0, 0, 0), (1, 0, 0), (0, 1, 0), us, vs, outside(holes))
-        # In the corners, the boards of the back and the front wall go through.
+        # In the corners, the boards of the back and the front wall continue to the end.
         inset = 0.0 if wall in ("back", "front") else _SKIRTING_DEEP
         stops = [inset, *sorted(u for hole in before for u in hole[:2]), length - inset]
         boards = [
@@ -205,7 +205,7 @@ def _walls(fine: Fineness) -> Piece:
 
 
 def _floor(fine: Fineness) -> Piece:
-    """Boards along z, in three browns and with their joints out of step, and the thresholds of the doors."""
+    """Return boards along z, in three browns and with staggered joints, and the thresholds of the doors."""
     s = _SKIRTING_DEEP
     covered = [(*_BREAST, 0.0, _HEARTH), (0.0, _BOOKCASE_DEEP, *_BOOKCASE), _RUG]
     xs = np.linspace(s, W - s, 24)
@@ -229,7 +229,7 @@ def _floor(fine: Fineness) -> Piece:
 
 
 def _ceiling(fine: Fineness) -> Piece:
-    """The ceiling and its beams, which two of six run into the chimney."""
+    """Return the ceiling and its six beams, two of which end at the chimney."""
     lights = [
         (x - _LIGHT_SIDE / 2, x + _LIGHT_SIDE / 2, z - _LIGHT_SIDE / 2, z + _LIGHT_SIDE / 2) for x, z in _LIGHTS
     ]
@@ -246,7 +246,7 @@ def _ceiling(fine: Fineness) -> Piece:
 
 
 def _doors(fine: Fineness) -> Piece:
-    """Doors of six panels in their casings, on the wall of the fireplace."""
+    """Return doors of six panels in their casings, on the wall of the fireplace."""
     cell, half, top, deep = fine.cell(0.5), _DOOR_WIDE / 2, _DOOR_HIGH, -_DOOR_DEEP
     outer = half + _CASING
     casing = [
@@ -264,7 +264,7 @@ def _doors(fine: Fineness) -> Piece:
     vs = lines(0, top, cell, [y for p in panels for y in p[2:]])
     leaf = [sheet((0, 0, deep), (1, 0, 0), (0, 1, 0), us, vs, outside(panels))]
     for x0, x1, y0, y1 in panels:
-        # A panel: down a moulding to its ground, and up to a raised field.
+        # A panel: a moulding down to its ground, then up to a raised field.
         rings = [
             [(x0 + d, y0 + d, z), (x1 - d, y0 + d, z), (x1 - d, y1 - d, z), (x0 + d, y1 - d, z)]
             for d, z in ((0, deep), (0.015, deep - 0.014), (0.06, deep - 0.003))
@@ -287,7 +287,7 @@ def _doors(fine: Fineness) -> Piece:
 
 # The fireplace
 
-#: Where the middles of its posts are, along x.
+#: Positions of the posts' axes, along x.
 POSTS = (MIDDLE - 0.9, MIDDLE + 0.9)
 
 _OPENING = (MIDDLE - 0.5, MIDDLE + 0.5)
@@ -300,7 +300,7 @@ _MANTEL = _FRIEZE + 0.205  # its upper side
 
 
 def _fireplace(fine: Fineness) -> Piece:
-    """Chimney breast, brickwork, firebox with a fire, hearth, and a mantel on two posts."""
+    """Return chimney breast, brickwork, firebox with a fire, hearth, and a mantel on two posts."""
     z, cell = _BREAST_DEEP, fine.cell(0.42)
     left, right = _BREAST
     over = _around(MIDDLE, _PICTURES["landscape"][2], *_PICTURES["landscape"][3:])
@@ -346,7 +346,7 @@ def _fireplace(fine: Fineness) -> Piece:
 
 
 def _post() -> Profile:
-    """A column with base, entasis and capital, from its plinth to its abacus."""
+    """Return the profile of a column with base, entasis and capital, from its plinth to its abacus."""
     low, high = _HEARTH_HIGH + 0.05, _FRIEZE - 0.04
     ring = [(0.078, 0.0), (0.088, 0.01), (0.088, 0.024), (0.066, 0.042), (0.074, 0.054), (0.06, 0.066)]
     shaft = [(0.061, 0.25), (0.0605, 0.44), (0.056, 0.62), (0.049, high - low - 0.11)]
@@ -358,7 +358,7 @@ _POST = _post()
 
 
 def _brickwork() -> Piece:
-    """Bricks in running bond around the opening, a little proud of the mortar between them."""
+    """Return bricks in running bond around the opening, which stand out a little from the mortar."""
     z = _BREAST_DEEP
     tones: list[list[Float64]] = [[], [], []]
     mortar = []
@@ -368,11 +368,11 @@ def _brickwork() -> Piece:
         high = low + _ROW
         beside = row < _ROWS_OF_OPENING
         runs = [(left, _OPENING[0]), (_OPENING[1], right)] if beside else [(left, right)]
-        joint = high - _MORTAR  # each row has its mortar above
+        joint = high - _MORTAR  # the mortar of a row is above it
         for number, (a, b) in enumerate(runs):
             edges = a + _BRICK * (np.arange(1, 9) - 0.5 * (row % 2))
             if number == 1:
-                edges = np.sort(a + b - edges) + _MORTAR  # mirrored, so that the opening's edges are alike
+                edges = np.sort(a + b - edges) + _MORTAR  # mirrored, so that both sides of the opening are equal
             edges = edges[(edges > a + 0.04) & (edges < b - 0.02)]
             starts, stops = [a, *edges], [*(edges - _MORTAR), b]
             for i, (x0, x1) in enumerate(zip(starts, stops, strict=True)):
@@ -387,7 +387,7 @@ def _brickwork() -> Piece:
 
 
 def _firebox(fine: Fineness) -> Piece:
-    """The hollow behind the opening, narrower at its back, and a fire of two logs on embers."""
+    """Return the hollow behind the opening, narrower at its back, and a fire of two logs on embers."""
     cell = fine.cell(0.24)
     front, back = _BREAST_DEEP, 0.08
     (a, b), (c, d) = _OPENING, (MIDDLE - 0.36, MIDDLE + 0.36)
@@ -411,11 +411,11 @@ def _firebox(fine: Fineness) -> Piece:
     ]
 
 
-# What stands in the room
+# Furniture and ornaments
 
 
 def _rug(fine: Fineness) -> Piece:
-    """A rug with a border between two lines, and lozenges in its field."""
+    """Return a rug with a border between two lines, and lozenges in its field."""
     x0, x1, z0, z1 = _RUG
     high, cell = 0.012, fine.cell(0.42)
     insets = [0.0, 0.07, 0.1, 0.26, 0.29]
@@ -453,7 +453,7 @@ def _furniture(fine: Fineness) -> Piece:
 
 
 def _ornaments(fine: Fineness) -> Piece:
-    """What stands on tables and on the mantel."""
+    """Return the ornaments on the tables and the mantel."""
     shelf = _BREAST_DEEP + 0.27
     return [
         *placed(furniture.candlestick(fine), (MIDDLE - 0.92, _MANTEL, shelf), 0, "candlestick-left"),
@@ -480,7 +480,7 @@ _SHORE: tuple[tuple[str, Profile], ...] = (
     ("dusk", [(0, 0.6), (1, 0.62)]),
     ("sky", [(0, 1), (1, 1)]),
 )
-#: Wall, middle along it and up, width and height, each with its frame.
+#: For each picture: wall, position of its middle along the wall and upwards, width and height with the frame.
 _PICTURES = {
     "landscape": ("chimney", MIDDLE, 2.03, 1.3, 0.86),
     "shore": ("right", 2.35, 1.62, 0.62, 0.78),

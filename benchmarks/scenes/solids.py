@@ -1,8 +1,8 @@
-"""Sheets, blocks, turned and cushioned solids as triangles, for scenes that are made by a program.
+"""Sheets, blocks, turned and cushioned solids as triangles, for procedural scenes.
 
-Each function gives corners (T, 3, 3) float64, counter-clockwise seen from the front, fronts outward. A face on
-which one solid stands on another is left out (`without`, or a profile that does not begin on its axis), so that no
-two surfaces coincide; the inside that is open there can't be seen.
+Each function returns corners (T, 3, 3) float64, counter-clockwise from the front, with fronts outwards. A face on
+which one solid stands on another is omitted (`without`, or a profile that does not start on its axis), so that no
+two surfaces coincide; the open inside is not visible.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ AXES = "xyz"
 
 
 def lines(low: float, high: float, cell: float, cuts: Iterable[float] = ()) -> Float64:
-    """Where to divide [low, high]: at the cuts in it, and evenly between them, so that no part exceeds `cell`."""
+    """Return lines that divide [low, high]: the cuts in it, and even parts between them, of at most `cell`."""
     stops = [low]
     for cut in sorted(float(c) for c in cuts if low < c < high - 1e-9):
         if cut > stops[-1] + 1e-9:
@@ -39,9 +39,9 @@ def sheet(
     vs: Float64,
     keep: Callable[[Float64, Float64], NDArray[np.bool_]] | None = None,
 ) -> Float64:
-    """Rectangles corner + u * along + v * across between neighbouring lines `us` and `vs`; front: along x across.
+    """Return rectangles of corner + u * along + v * across between adjacent `us` and `vs`; front: along x across.
 
-    keep : of the middles of all rectangles, u (N,) and v (N,), which to keep
+    keep : function that says, given u (N,) and v (N,) of the rectangles' middles, which rectangles to keep
     """
     u, v = np.meshgrid(us, vs, indexing="ij")
     points = np.asarray(corner, float) + u[..., None] * np.asarray(along, float) + v[..., None] * np.asarray(across)
@@ -53,7 +53,7 @@ def sheet(
 
 
 def patch(corners: ArrayLike, cell: float = np.inf) -> Float64:
-    """A flat quadrilateral, corners (4, 3) counter-clockwise seen from the front, in parts of about `cell`."""
+    """Divide a flat quadrilateral, corners (4, 3) counter-clockwise from the front, into parts of about `cell`."""
     a, b, c, d = np.asarray(corners, float)
     n, m = (
         max(1, int(np.ceil(max(np.linalg.norm(p), np.linalg.norm(q)) / cell)))
@@ -65,17 +65,17 @@ def patch(corners: ArrayLike, cell: float = np.inf) -> Float64:
 
 
 def _quads(points: Float64) -> Float64:
-    """(N, 4, 3): between neighbours of a grid (U, V, 3)."""
+    """Return (N, 4, 3) quads between neighbours of a grid (U, V, 3)."""
     return np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2).reshape(-1, 4, 3)
 
 
 def _split(quads: Float64) -> Float64:
-    """(2 * Q, 3, 3): quads (Q, 4, 3) along the line from the first corner to the third."""
+    """Split quads (Q, 4, 3) into (2 * Q, 3, 3) triangles along the diagonal from the first corner to the third."""
     return quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
 
 
 def outside(rectangles: Sequence[tuple[float, float, float, float]]) -> Callable[..., NDArray[np.bool_]]:
-    """For `sheet`: keep what lies in none of the rectangles (u0, u1, v0, v1)."""
+    """Return a function for `sheet` that keeps what is in none of the rectangles (u0, u1, v0, v1)."""
 
     def keep(u: Float64, v: Float64) -> NDArray[np.bool_]:
         inside = np.zeros(len(u), bool)
@@ -87,9 +87,9 @@ def outside(rectangles: Sequence[tuple[float, float, float, float]]) -> Callable
 
 
 def block(lower: ArrayLike, upper: ArrayLike, cell: float = np.inf, without: str = "") -> Float64:
-    """A box along the axes, its faces divided so that no part exceeds `cell`.
+    """Return a box along the axes, whose faces are divided so that no part exceeds `cell`.
 
-    without : faces left out, such as "-y +z"
+    without : faces to omit, such as "-y +z"
     """
     low, high = np.asarray(lower, float), np.asarray(upper, float)
     assert (high > low).all(), (low, high)
@@ -105,9 +105,9 @@ def block(lower: ArrayLike, upper: ArrayLike, cell: float = np.inf, without: str
 
 
 def skin(loops: ArrayLike) -> Float64:
-    """What spans between loops (K, N, 3), each counter-clockwise seen from where the next ones lie, fronts outward.
+    """Return the surface between loops (K, N, 3), counter-clockwise from the side of the next; fronts outwards.
 
-    Rectangles that a loop of a single point makes into triangles lose their other half.
+    If a loop is a single point, the rectangles there become triangles: the half without area is removed.
     """
     points = np.asarray(loops, float)
     after = np.roll(points, -1, axis=1)
@@ -118,9 +118,9 @@ def skin(loops: ArrayLike) -> Float64:
 
 
 def turned(profile: Profile, segments: int) -> Float64:
-    """A solid of revolution about the y axis.
+    """Return a solid of revolution around the y axis.
 
-    profile : (radius, y) from the bottom up along the outside; closed where it begins or ends with radius 0
+    profile : (radius, y) from the bottom up along the outside; the solid is closed at an end with radius 0
     """
     radius, y = np.array(profile, float).T
     angle = 2 * np.pi * np.arange(segments) / segments
@@ -131,9 +131,9 @@ def turned(profile: Profile, segments: int) -> Float64:
 def arc(
     start: tuple[float, float], end: tuple[float, float], bulge: float, steps: int
 ) -> list[tuple[float, float]]:
-    """Points of a profile from `start` to `end`, both included, which bows to its right by `bulge` of its length.
+    """Return points of a profile from `start` to `end`, inclusive, that bulges to the right by `bulge` x length.
 
-    The curve is a parabola, near enough to an arc; on the way up its right is the outside.
+    The curve is a parabola, which approximates an arc. The right side of an upward profile is the outside.
     """
     t = np.linspace(0, 1, steps + 1)
     (r0, y0), (r1, y1) = start, end
@@ -145,10 +145,10 @@ def arc(
 def cushion(
     size: ArrayLike, radius: float, steps: int, cell: float, crown: float = 0.0, without: str = ""
 ) -> Float64:
-    """A block of `size` centred on the y axis, its bottom at 0, whose edges are rounded by `radius`.
+    """Return a block of `size` centred on the y axis, its bottom at 0, with edges rounded by `radius`.
 
-    steps : parts of each quarter round; an even number
-    crown : how far top and bottom swell in their middle
+    steps : number of parts of each quarter circle; even
+    crown : height by which top and bottom swell in their middle
     """
     half = np.asarray(size, float) / 2
     inner = half - radius
@@ -175,9 +175,9 @@ def cushion(
 
 
 def framed(width: float, height: float, profile: Profile, cell: float = np.inf) -> Float64:
-    """A mitred frame around the origin of the xy plane, towards +z.
+    """Return a mitred frame around the origin of the xy plane, which faces +z.
 
-    width, height : of the outer edge
+    width, height : size of the outer edge
     profile       : (inset from the outer edge, z) from the wall over the top to the inner edge
     """
     us, vs = (lines(-size / 2, size / 2, cell) for size in (width, height))
@@ -197,7 +197,7 @@ def framed(width: float, height: float, profile: Profile, cell: float = np.inf) 
 def moved(
     corners: Float64, by: ArrayLike = (0, 0, 0), turn: float = 0.0, lean: float = 0.0, roll: float = 0.0
 ) -> Float64:
-    """Rolled about z, leaned about x, turned about y, in degrees, then shifted."""
+    """Roll around z, lean around x, turn around y, in degrees, then shift."""
     for (i, j), angle in (((0, 1), roll), ((1, 2), lean), ((2, 0), turn)):
         if angle:
             a = np.radians(angle)
@@ -209,6 +209,6 @@ def moved(
 
 
 def sheared(corners: Float64, x: float = 0.0, z: float = 0.0, level: float = 0.0) -> Float64:
-    """Each point shifted by so much along x and z for every unit that it lies above `level`."""
+    """Shift each point along x and z by these amounts for every unit of its height above `level`."""
     above = corners[..., 1] - level
     return corners + np.stack([x * above, np.zeros_like(above), z * above], axis=-1)
