@@ -1,1 +1,1 @@
-"""What several test modules stand on: scenes, files of all formats, programs that are started and killed."""
+"""Helpers of several test modules: scenes, files of all formats, programs to start and kill."""

@@ -1,11 +1,12 @@
-"""Attacks glpath as strangers and misfortune do, and counts what became of it.
+"""Feeds glpath hostile input and failures of the system, and counts the outcomes.
 
     python tests/support/attack.py [KIND ...]      all, or some of: scenes, environments, disks, kills, threads
 
-Prints JSON: by kind, how many inputs were `tried`, were `fine` or had a clear `error`; and what must be none: a
-`traceback`, a `crash` (a signal, or another exit code than documented), a `hang`, a film that was `lost` (on disk
-before, or said to be written, and not there whole afterwards). `first` has the first of those that must not be.
-Deterministic but for when a signal arrives. Damaged data files and meshes are attacked by `damaged.py`.
+Prints JSON: for each kind, the number of inputs that were `tried`, that were `fine`, and that got a clear `error`;
+and the numbers of outcomes that must not occur: `traceback`, `crash` (a signal, or an undocumented exit code),
+`hang`, and `lost` (a film that was on disk before, or was reported as written, is incomplete afterwards). `first`
+has the first of these. The run is deterministic but for the times of signals. `damaged.py` attacks data files and
+meshes.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ BAD = ("traceback", "crash", "hang", "lost")
 _SECONDS = 60.0
 _RENDER = ("render", "cornell-box-36", "--resolution", "16x16", "--max-depth", "2", "--progress", "none")
 
-# Everything that a scene file can say, small.
+# A small scene that uses all parts of a scene file.
 EVERYTHING = """
 name = "everything"
 ambient = [0.1, 0.1, 0.1]
@@ -130,7 +131,7 @@ VALUES: tuple[Any, ...] = (
 
 
 def toml(value: Any) -> str:
-    """A value as TOML, tables inline."""
+    """Return a value as TOML, with inline tables."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{json.dumps(key)} = {toml(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list):
@@ -145,7 +146,7 @@ def document(data: dict[str, Any]) -> str:
 
 
 def leaves(value: Any) -> Iterator[tuple[Any, Any]]:
-    """(container, key) of everything in it, itself excepted."""
+    """Yield (container, key) of everything in the value, except the value itself."""
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, each in items:
         yield value, key
@@ -153,7 +154,7 @@ def leaves(value: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def scenes() -> Iterator[tuple[str, bytes]]:
-    """Scene files: each value replaced, left out or beside another; then the text itself damaged."""
+    """Yield scene files: each value replaced, omitted or duplicated, then the text itself damaged."""
     count = len(list(leaves(tomllib.loads(EVERYTHING))))
     rng = random.Random(0)
     for i in range(count):
@@ -198,7 +199,7 @@ def scenes() -> Iterator[tuple[str, bytes]]:
 
 
 def attack_scenes(start: int) -> None:
-    """The child: one line of JSON before and after each input, from number `start` on."""
+    """Run in the child: print a line of JSON before and after each input, from number `start` on."""
     import glpath
     from glpath.scene import check_scene
 
@@ -264,7 +265,7 @@ def command(*arguments: str | Path) -> list[str]:
 
 
 def judged(done: subprocess.CompletedProcess[bytes], out: Path, codes: tuple[int, ...] = (0, 1, 2)) -> str:
-    """What became of a command that was to write `out`."""
+    """Return the outcome of a command that should write `out`."""
     if b"Traceback" in done.stderr:
         return "traceback"
     if done.returncode not in codes:
@@ -275,7 +276,7 @@ def judged(done: subprocess.CompletedProcess[bytes], out: Path, codes: tuple[int
 
 
 def environments() -> Iterator[tuple[str, dict[str, str | None], dict[str, Any]]]:
-    """Name, changes of the environment (None: not set), more for subprocess.run."""
+    """Yield a name, changes of the environment (None: unset), and further arguments of subprocess.run."""
     for name, value in {
         "HOME": None,
         "PATH": "",
@@ -337,7 +338,7 @@ def run_environments() -> Iterator[tuple[str, str]]:
 
 
 def run_disks() -> Iterator[tuple[str, str]]:
-    """Files may have so many bytes; one output is small, the other large, and an old film lies where it goes."""
+    """Limit the size of files. One output is small, the other large, and replaces an old film."""
     with tempfile.TemporaryDirectory() as folder:
         small, film = Path(folder, "a.png"), Path(folder, "film.npz")
         first = subprocess.run(command(*_RENDER, "-o", film, "--spp", "1"), capture_output=True)
@@ -378,14 +379,14 @@ def whole(film: Path) -> bool:
 
 
 def run_kills() -> Iterator[tuple[str, str]]:
-    """Signals at some moment of a render that replaces a film, once or more."""
+    """Send signals, one or more, at random moments of a render that replaces a film."""
     rng = random.Random(1)
-    # Under nohup SIGHUP is ignored, and would be by the children; a handler of one's own makes it a signal again.
+    # nohup ignores SIGHUP, and the children would inherit that; with a handler here, they get the default.
     signal.signal(signal.SIGHUP, lambda *_: None)
     with tempfile.TemporaryDirectory() as folder:
         film, picture = Path(folder, "film.npz"), Path(folder, "a.png")
         subprocess.run(command(*_RENDER, "-o", film, "--spp", "1"), check=True, capture_output=True)
-        # While the program starts, Python itself dies of a signal; how long that is depends on the machine.
+        # While the program starts, a signal kills Python itself; this time depends on the machine.
         begun = time.monotonic()
         subprocess.run(command("--version"), check=True, capture_output=True)
         starting = max(1.0, 2.0 * (time.monotonic() - begun))
@@ -408,7 +409,7 @@ def run_kills() -> Iterator[tuple[str, str]]:
             text = f"{number.name} x {times} after {wait:.2f} s: {child.returncode} {said[-300:].decode()}"
             if not whole(film):
                 yield "lost", text
-            # Before the program has its handlers, Python's own or the system's apply.
+            # Before the program installs its handlers, those of Python or the system apply.
             elif b"Traceback" in said and b"glpath" in said and wait > 1.0:
                 yield "traceback", text
             elif child.returncode in (130, 0):
@@ -420,7 +421,7 @@ def run_kills() -> Iterator[tuple[str, str]]:
 
 
 def attack_threads() -> None:
-    """The child: sixteen threads load and render at once; the results are those of one thread."""
+    """Run in the child: sixteen threads load and render at once, and must give the results of one thread."""
     from concurrent.futures import ThreadPoolExecutor
 
     import glpath
@@ -461,7 +462,7 @@ KINDS: dict[str, Callable[[], Iterator[tuple[str, str]]]] = {
 
 
 def main(kinds: list[str]) -> dict[str, Any]:
-    """Counts by kind, and the first of what must not be."""
+    """Return the counts by kind, and the first outcomes that must not occur."""
     found: dict[str, Any] = {}
     for kind in kinds or KINDS:
         counts: Counter[str] = Counter()

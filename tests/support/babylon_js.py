@@ -1,12 +1,12 @@
-"""A .glb as Babylon.js shows it, as three_js.py has it by three.js: from its own camera, in linear numbers.
+"""Shows a .glb in Babylon.js, as three_js.py does in three.js: from its own camera, in linear values.
 
     pytestmark = babylon_js.marks()
 
     with babylon_js.viewer() as babylon:
         seen = babylon.picture(tmp_path / "a.glb", 64, 48, lines=LINES)      # (48, 64, 3) float32
 
-`lines` are those of a page that has a `world` (BABYLON.Scene) and loads 'baked.glb' into it. Needs npm's
-`babylonjs` and `babylonjs-loaders` (see npm.py); nothing is asked of a network.
+`lines` is the script of a page that has a `world` (BABYLON.Scene) and loads 'baked.glb' into it. Needs npm's
+`babylonjs` and `babylonjs-loaders` (see npm.py), but no network.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ window.ready = true
 
 
 def marks() -> list[pytest.MarkDecorator]:
-    """Evidence, which is skipped where the browser or Babylon.js is not there."""
+    """Return marks of evidence that is skipped if the browser or Babylon.js is missing."""
     return browser.marks(
         **{f"npm's {name} (NODE_PATH=FOLDER/node_modules)": npm.package(name) for name in PACKAGES}
     )
@@ -62,6 +62,6 @@ def marks() -> list[pytest.MarkDecorator]:
 
 @contextlib.contextmanager
 def viewer() -> Iterator[three_js.Viewer]:
-    """A browser with Babylon.js in it, whose `picture` wants `lines` and shows light."""
+    """Start a browser with Babylon.js, whose `picture` needs `lines` and shows light."""
     with three_js.viewer(PAGE, PACKAGES) as found:
         yield found

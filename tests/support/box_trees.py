@@ -1,4 +1,4 @@
-"""Boxes, and what must hold of a hierarchy over them."""
+"""Boxes, and checks of a hierarchy over them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from hypothesis.extra import numpy as hnp
 
 from glpath.accel.nodes import Bvh
 
-# Coordinates from a small grid make boxes that touch, coincide and have no extent; others make slivers.
+# Coordinates on a small grid make boxes that touch, coincide or have no extent; other coordinates make slivers.
 coordinates = st.one_of(st.integers(-3, 3).map(float), st.floats(-1e6, 1e6, allow_subnormal=False))
 
 
@@ -25,7 +25,7 @@ def random_boxes(n: int, size: float = 0.02, seed: int = 1) -> tuple[np.ndarray,
 
 
 def check(tree: Bvh, lower: np.ndarray, upper: np.ndarray, leaf_size: int) -> None:
-    """All that the docstring promises."""
+    """Check everything that the docstring of `Bvh` promises."""
     n, size = len(lower), len(tree)
     assert sorted(tree.order.tolist()) == list(range(n))
     assert [a.dtype for a in (tree.skip, tree.first, tree.count, tree.order)] == [np.int32] * 4

@@ -1,8 +1,8 @@
-"""Chromium without a screen, driven by Selenium: for tests of what is shown in a browser.
+"""Headless Chromium, driven by Selenium, for tests of pages in a browser.
 
 Needs Debian's chromium and chromium-driver and the extra `browser`; `make evidence` installs them. A module has
 
-    pytestmark = browser.marks("jupyterlab")      # evidence; skipped with its reason where one of these is missing
+    pytestmark = browser.marks("jupyterlab")      # evidence; skipped with a reason if a part is missing
 
 and a fixture that yields from `with browser.chrome() as driver`.
 """
@@ -24,7 +24,7 @@ SECONDS = 90
 
 
 def marks(*modules: str, **needed: object) -> list[pytest.MarkDecorator]:
-    """Marks of evidence that needs the browser, these Python modules, and, by its name, what else is not false."""
+    """Return marks of evidence that needs the browser, these Python modules, and named things (false: missing)."""
     modules = ("selenium", *modules)
     found: dict[str, object] = {"chromium": CHROMIUM, "chromedriver": DRIVER}
     found |= {name: importlib.util.find_spec(name) for name in modules} | needed
@@ -32,14 +32,14 @@ def marks(*modules: str, **needed: object) -> list[pytest.MarkDecorator]:
     return [
         pytest.mark.evidence,
         pytest.mark.skipif(bool(missing), reason=f"not installed: {', '.join(missing)}; `make evidence` does"),
-        # Selenium leaves a socket of each answer to the collector.
+        # Selenium leaves the sockets of answers to the garbage collector.
         pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"),
     ]
 
 
 @contextlib.contextmanager
 def chrome(*arguments: str, window: tuple[int, int] = (1200, 1000)) -> Iterator[Any]:
-    """A browser of its own, with Chromium's `arguments`; nothing is asked of a network."""
+    """Start a separate browser with Chromium's `arguments`, without network access."""
     from selenium import webdriver
 
     os.environ["NO_PROXY"] = ",".join(filter(None, [os.environ.get("NO_PROXY"), "localhost", "127.0.0.1"]))
@@ -51,7 +51,7 @@ def chrome(*arguments: str, window: tuple[int, int] = (1200, 1000)) -> Iterator[
         "--disable-dev-shm-usage",
         "--no-proxy-server",
         f"--window-size={window[0]},{window[1]}",
-        *(["--no-sandbox"] if os.geteuid() == 0 else []),  # as root Chromium has none
+        *(["--no-sandbox"] if os.geteuid() == 0 else []),  # Chromium's sandbox does not work as root
         *arguments,
     ):
         options.add_argument(argument)

@@ -1,4 +1,4 @@
-"""A clock of time limits that tests move on, so that no test waits and none depends on the machine's speed."""
+"""A clock of time limits that tests advance, so that no test waits or depends on the machine's speed."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from glpath.system import time_limit
 
 
 class Clock:
-    """The clock that time limits read. It stands still.
+    """The clock that time limits read. It advances only if a test says so.
 
-    ahead  : seconds since it was made
-    module : stands in for `time` in a module that measures how long its own work takes
+    ahead  : seconds since its creation
+    module : replacement of `time` for a module that measures its own work
     """
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""The blocks of code of the README and of the pages of docs/, what they need, and which of them no test can run."""
+"""The blocks of code in the README and in docs/, the files that they need, and the blocks that no test can run."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from tests.support.weather_files import write_epw
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
-#: Languages that say nothing to a program.
+#: Languages of blocks that are not code.
 PROSE = ("", "text")
 
-#: Blocks that a test of their own runs, by their language and a phrase in them: the test's file.
+#: Blocks that another test runs, by language and a phrase in them, with the test's file.
 ELSEWHERE = {
     ("js", "light.channel = 1"): "tests/bake/test_lightmap_seen.py",
     ("js", "new BABYLON.Texture"): "tests/bake/test_lightmap_seen.py",
@@ -29,7 +29,7 @@ ELSEWHERE = {
     ("ini", "[pytest]"): "tests/pytest_plugin/test_pytest_suite.py",
 }
 
-#: Blocks that no test runs, by their language and a phrase in them: why.
+#: Blocks that no test runs, by language and a phrase in them, with the reason.
 NOT_RUN = {
     ("dockerfile", "FROM debian"): "needs Docker and a network",
     ("yaml", "kind: Job"): "needs Kubernetes",
@@ -44,7 +44,7 @@ NOT_RUN = {
     ("js", "probe.sh.fromArray"): "a part of a page; tests/bake/test_probes.py holds what it reads",
 }
 
-#: Lines of the shell that no test runs, by a pattern: why.
+#: Patterns of shell lines that no test runs, with the reasons.
 LINES_NOT_RUN = {
     r"\b(apt-get|pip) install\b": "changes the machine",
     r"^make\b": "sets a checkout up",
@@ -63,11 +63,11 @@ LINES_NOT_RUN = {
 
 @dataclass(frozen=True)
 class Block:
-    """One block of code.
+    """A block of code.
 
-    page : its file
-    line : of its first line
-    kind : its language
+    page : file that contains it
+    line : number of its first line
+    kind : language
     """
 
     page: Path
@@ -79,22 +79,22 @@ class Block:
         return f"{self.page.relative_to(ROOT)}:{self.line}"
 
     def listed(self, entries: dict[tuple[str, str], str]) -> str | None:
-        """What a list says of it."""
+        """Return the entry of a list for this block."""
         found = (said for (kind, phrase), said in entries.items() if kind == self.kind and phrase in self.text)
         return next(found, None)
 
     @property
     def runs(self) -> bool:
-        """Whether the test of blocks runs it."""
+        """Return whether the test of blocks runs it."""
         return self.listed(ELSEWHERE) is None and self.listed(NOT_RUN) is None
 
     def commands(self) -> Iterator[str]:
-        """Lines of a shell block that are run, without their comments."""
+        """Yield the lines of a shell block to run, without comments."""
         return commands_of(self.text, LINES_NOT_RUN)
 
 
 def blocks_of(page: Path) -> list[Block]:
-    """The blocks of a page, directives of MyST left out."""
+    """Return the blocks of a page, except MyST directives."""
     text = page.read_text("utf-8")
     return [
         Block(page, text.count("\n", 0, found.start()) + 2, found["kind"], found["text"])
@@ -110,7 +110,7 @@ WHITE = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X 16\n" + bytes([128, 128,
 
 
 def write_models(folder: Path) -> None:
-    """Models, a lamp's profile and an environment map by the names that the pages give them."""
+    """Write models, a lamp's profile and an environment map under the names that the pages use."""
     box = trimesh.creation.box([6, 3, 4])
     for name in ("room.obj", "hall.stl", "street.stl"):
         box.export(folder / name)
@@ -141,7 +141,7 @@ def write_models(folder: Path) -> None:
 
 
 def write_films(folder: Path) -> None:
-    """Films and pictures by the names that the pages give them."""
+    """Write films and pictures under the names that the pages use."""
     for number, name in enumerate(("new", "old", "shard-0", "shard-256")):
         film = glpath.render("cornell-box-36", spp=96, first_path_set=96 * number, resolution=(32, 32), max_depth=2)
         film.save(folder / f"{name}.npz")

@@ -1,4 +1,4 @@
-"""The command line, as tests call it: in this process."""
+"""Calls the command line in the process of the test."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from glpath.cli.main import app
 
 
 def run(*arguments: object) -> Result:
-    """`glpath ARGUMENTS`."""
+    """Run `glpath ARGUMENTS`."""
     return CliRunner().invoke(app, [str(a) for a in arguments])

@@ -1,10 +1,11 @@
-"""Damaged and hostile files through every reader: always a GlpathError or a well-formed result.
+"""Feeds damaged and hostile files to every reader, which must raise GlpathError or return a well-formed result.
 
-    python tests/support/damaged.py [ROUNDS [EVERY]]     prints, as JSON, what became of them
+    python tests/support/damaged.py [ROUNDS [EVERY]]     prints the outcomes as JSON
 
-Each file is made whole, then damaged: cut off, bits flipped, blocks zeroed, repeated, left out; and, where
-the format has parts, by what somebody who knows it would do. ROUNDS multiplies the blind damages, EVERY leaves out
-all but every so manyth. Deterministic; a reader may take 1 GB of memory beyond what the program has to begin with.
+Each file is written, then damaged blindly: cut off, or with bits flipped, or with blocks zeroed, repeated or
+omitted. If the format has parts, it is also damaged with knowledge of the format. ROUNDS multiplies the blind
+damages; only one in EVERY is tried. The run is deterministic. A reader may take 1 GB of memory more than the
+program had before.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ PLY_HEAD = (
 )
 
 
-# Well-formed, or an AssertionError.
+# Checks that a result is well-formed; each raises AssertionError if not.
 
 
 def check_picture(pixels: Any) -> None:
@@ -226,7 +227,7 @@ def blind(content: bytes, rounds: int, seed: str) -> Iterator[tuple[str, bytes]]
             yield kind, content[:start] + instead + content[start + length :]
 
 
-# Damages of those who know the format.
+# Damages with knowledge of the format.
 
 
 def npz(**arrays: Any) -> bytes:
@@ -256,7 +257,7 @@ def header(shape: tuple[int, ...], descr: str) -> bytes:
 
 @functools.cache
 def bomb(shape: tuple[int, ...], descr: str, megabytes: int) -> bytes:
-    """A compressed member that unfolds to zeros; made without unfolding it."""
+    """Return a compressed member that expands to zeros, made without expanding it."""
     head = header(shape, descr)
     squeeze, check, parts = zlib.compressobj(1, zlib.DEFLATED, -15), zlib.crc32(head), [b""]
     parts.append(squeeze.compress(head))
@@ -275,7 +276,7 @@ def bomb(shape: tuple[int, ...], descr: str, megabytes: int) -> bytes:
 
 
 def write_jpeg_of_scans(path: Path, count: int) -> Path:
-    """Write a progressive JPEG whose last scan is there `count` times."""
+    """Write a progressive JPEG that has its last scan `count` times."""
     from PIL import Image
 
     Image.fromarray(np.zeros((16, 16, 3), np.uint8)).save(path, "JPEG", progressive=True, comment=b"\xff\xda" * 200)
@@ -286,7 +287,7 @@ def write_jpeg_of_scans(path: Path, count: int) -> Path:
 
 
 class Exploding:
-    """Whoever unpickles it fails the test."""
+    """Fails the test if it is unpickled."""
 
     def __reduce__(self) -> Any:
         return sys.exit, ("a pickle was loaded",)
@@ -447,7 +448,7 @@ KNOWING: dict[str, Callable[[bytes], Iterator[tuple[str, bytes]]]] = {
 
 
 def command_line(line: str, path: Path, folder: Path) -> str:
-    """How a command ended: by itself or with a clear error; or, in words, with what it should not."""
+    """Return how a command ended: well, with a clear error, or a description of a forbidden outcome."""
     from typer.testing import CliRunner
 
     from glpath.cli.main import app
@@ -476,7 +477,7 @@ def attempt(reader: Callable[[Path], None], path: Path) -> str:
 
 @contextlib.contextmanager
 def limited_memory() -> Iterator[None]:
-    """In the block, 1 GB more can be had; what damages files is outside, as LZMA wants much itself."""
+    """Limit the block to 1 GB more memory. Damage files outside of it, because LZMA needs much."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most, hard = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + (1 << 30), hard))
@@ -487,7 +488,7 @@ def limited_memory() -> Iterator[None]:
 
 
 def attack(rounds: int = 1, every: int = 1) -> dict[str, Any]:
-    """Counts of what became of the files, and the first of what should not have."""
+    """Return the counts of outcomes, and the first forbidden ones."""
     counts: Counter[str] = Counter()
     wrong = []
     with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
@@ -515,7 +516,7 @@ def attack(rounds: int = 1, every: int = 1) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    # OpenEXR says on standard output what it could not read.
+    # OpenEXR prints on standard output what it cannot read.
     with contextlib.redirect_stdout(io.StringIO()):
         found = attack(*map(int, sys.argv[1:]))
     print(json.dumps(found))

@@ -1,4 +1,4 @@
-"""The integrators that trace all kinds of light by paths, by one word each."""
+"""The engines that trace all kinds of light by paths, each by one word."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from glpath.scene import path_traceable
 
 
 def engine_options(name: str) -> dict[str, Any]:
-    """What `glpath.render` takes for "path", or for "path-buffer" with these directions, not interleaved."""
+    """Return options of `glpath.render` for "path", or for "path-buffer" with these directions, not interleaved."""
     if name == "path":
         return {"integrator": "path"}
     return {"integrator": "path-buffer", "directions": name, "interleave": "never"}
 
 
 def gather_by(name: Directions | str) -> GatherSettings:
-    """A gather with cast "bvh", or by the path-buffer with these directions."""
+    """Return settings of a gather with cast "bvh", or by the path-buffer with these directions."""
     return GatherSettings() if name == "bvh" else GatherSettings(cast="path-buffer", directions=name)  # type: ignore[arg-type]
 
 
 def with_depth(options: Mapping[str, Any], depth: int) -> dict[str, Any]:
-    """The options with paths of so many vertices; a gather's end with a lookup there."""
+    """Return the options with paths of this many vertices; those of a gather end there with a lookup."""
     return {"lookup_depth" if options.get("integrator") == "gather" else "max_depth": depth, **options}
 
 
@@ -32,9 +32,9 @@ _coarse: dict[str, glpath.RadiositySolution] = {}
 
 
 def coarse(scene: Any) -> glpath.RadiositySolution:
-    """For a gather of whose solution a test says nothing: of fewer particles than it would send itself.
+    """Return a solution for a gather in tests that do not check the solution, from fewer particles than by default.
 
-    A scene is solved once in a process, as a sky's light takes as long for few patches as for many.
+    Each scene is solved once per process, because a sky's light takes as long for few patches as for many.
     """
     solved = path_traceable(glpath.load_scene(scene) if not isinstance(scene, glpath.Scene) else scene)
     key = solved.digest(camera=False)

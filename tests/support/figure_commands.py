@@ -1,4 +1,4 @@
-"""Figures by the command line."""
+"""Figures for tests of the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Films compared bit by bit."""
+"""Compares films bit by bit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small glTF files, built in tests; and what is in a file that was written."""
+"""Writes small glTF files for tests, and reads written files."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
 
 
 class Gltf:
-    """A document that grows: `json` is what is written, `binary` its one buffer."""
+    """A document to extend: `json` is the JSON to write, `binary` its only buffer."""
 
     def __init__(self) -> None:
         self.binary = bytearray()
         self.json: dict[str, Any] = {"asset": {"version": "2.0"}}
 
     def add(self, kind: str, /, **fields: Any) -> int:
-        """Put an object into one of the lists; returns its number."""
+        """Append an object to one of the lists; return its number."""
         self.json.setdefault(kind, []).append(fields)
         return len(self.json[kind]) - 1
 
@@ -52,7 +52,7 @@ class Gltf:
         )
 
     def mesh(self, positions: ArrayLike = TRIANGLE, indices: ArrayLike | None = None, **attributes: Any) -> int:
-        """A mesh of one primitive; further attributes as arrays, fields of the primitive in lower case."""
+        """Add a mesh of one primitive. attributes: arrays; those in lower case are fields of the primitive."""
         fields = {name: value for name, value in attributes.items() if name.islower()}
         arrays = {name: self.accessor(value) for name, value in attributes.items() if not name.islower()}
         if indices is not None:
@@ -74,7 +74,7 @@ class Gltf:
         return self.add("textures", **fields)
 
     def one_triangle(self, **material: Any) -> Gltf:
-        """A triangle with texture coordinates and this material."""
+        """Add a triangle with texture coordinates and this material."""
         number = self.add("materials", **material)
         self.node(mesh=self.mesh(TEXCOORD_0=[[0, 0], [1, 0], [0, 1]], material=number))
         return self
@@ -96,7 +96,7 @@ class Gltf:
 
 
 def glb(text: bytes, binary: bytes) -> bytes:
-    """A .glb of the JSON and the binary chunk."""
+    """Return a .glb of the JSON and the binary chunk."""
     text += b" " * (-len(text) % 4)
     binary += bytes(-len(binary) % 4)
     chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
@@ -107,7 +107,7 @@ def glb(text: bytes, binary: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class ReadGlb:
-    """A .glb taken apart by the specification's section 4: its JSON, and the arrays and images of its buffer."""
+    """A .glb, parsed after the specification's section 4: its JSON, and the arrays and images of its buffer."""
 
     json: dict[str, Any]
     binary: bytes
@@ -132,7 +132,7 @@ class ReadGlb:
         return self.binary[start : start + view["byteLength"]]
 
     def values(self, number: int) -> np.ndarray:
-        """Of an accessor: (N,) or (N, 2 to 4)."""
+        """Return the values of an accessor: (N,) or (N, 2 to 4)."""
         accessor = self.json["accessors"][number]
         kind = {code: name for name, code in COMPONENTS.items()}[accessor["componentType"]]
         width = {name: width for width, name in TYPES.items()}[accessor["type"]]
@@ -144,7 +144,7 @@ class ReadGlb:
 
 
 def encoded(pixels: ArrayLike, kind: str = "PNG", **options: Any) -> bytes:
-    """An image file of pixels (h, w), (h, w, 3) or (h, w, 4)."""
+    """Return an image file of pixels (h, w), (h, w, 3) or (h, w, 4)."""
     array = np.asarray(pixels)
     stream = io.BytesIO()
     Image.fromarray(array if array.dtype == np.uint16 else array.astype(np.uint8)).save(stream, kind, **options)
@@ -152,10 +152,10 @@ def encoded(pixels: ArrayLike, kind: str = "PNG", **options: Any) -> bytes:
 
 
 def ktx2_of_solid_blocks(colours: ArrayLike) -> bytes:
-    """A KTX 2 texture of UASTC blocks of 4 x 4 texels, each of one colour; colours (h / 4, w / 4, 4) uint8."""
+    """Return a KTX 2 texture of uniform UASTC blocks of 4 x 4 texels; colours (h / 4, w / 4, 4) uint8."""
     array = np.asarray(colours, np.uint8)
     rows, columns = array.shape[:2]
-    # Mode 8: a code of five bits, then red, green, blue and alpha of eight.
+    # Mode 8: a five-bit code, then eight bits each of red, green, blue and alpha.
     blocks = b"".join(
         (0x17 | r << 5 | g << 13 | b << 21 | a << 29).to_bytes(16, "little")
         for r, g, b, a in array.reshape(-1, 4).tolist()

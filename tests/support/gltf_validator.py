@@ -1,4 +1,4 @@
-"""What Khronos's validator says of a file."""
+"""Runs the validator of Khronos on a file."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ validator.validateBytes(new Uint8Array(fs.readFileSync(process.argv[1]))).then(
     report => console.log(JSON.stringify(report.issues.messages.filter(each => each.severity < 2))));
 """
 
-#: Tangents of normal maps and brushes are those that every reader makes by the same rule (MikkTSpace).
+#: Messages to ignore: every reader makes tangents of normal maps and brushes by the same rule (MikkTSpace).
 ALLOWED = {"MESH_PRIMITIVE_GENERATED_TANGENT_SPACE"}
 
 
 def judged(path: Path) -> list[Any]:
-    """Errors and warnings of the Khronos validator, but for what is ALLOWED."""
+    """Return the validator's errors and warnings, except those in ALLOWED."""
     if shutil.which("node") is None:
         pytest.skip("needs node")
     if npm.package("gltf-validator") is None:

@@ -1,4 +1,4 @@
-"""Small films of all engines, and their bits."""
+"""Small films of all engines, and hashes of their bits."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from tests.support.terrain import Hills
 
 SMALL = {"resolution": (48, 36), "spp": 4}
 
-#: Those that there were when the bits were stored: `depth_min` has tests of its own.
+#: The AOVs that existed when the hashes were stored: other tests cover `depth_min`.
 OLDER_AOVS = tuple(name for name in AOVS if name not in ("depth_min", "uv"))
 
-#: Every kind of light, a texture, a highlight and a smooth sphere.
+#: A scene with every kind of light, a texture, a highlight and a smooth sphere.
 MIXED: dict[str, object] = {
     "camera": {"position": [0, 2.2, 4.5], "target": [0, 0.4, 0], "fov": 35},
     "textures": {"squares": {"type": "checker", "colors": [[0.8, 0.3, 0.2], [0.1, 0.2, 0.6]], "scale": 4}},
@@ -38,11 +38,12 @@ MIXED: dict[str, object] = {
     ],
 }
 
-#: A map with a sun, in place of the sky.
+#: A map with a sun, to replace the sky.
 ENVIRONMENT = np.random.default_rng(0).random((9, 16, 3)).astype(np.float32)
 ENVIRONMENT[2, 5] = 60.0
 
-#: Every lobe: rough and brushed metal, plastic, a coat, clear and frosted glass, a pane, a veil; a normal map.
+#: A scene with every lobe: rough and brushed metal, plastic, a coat, clear and frosted glass, a pane, a veil;
+#: normal map.
 LOBES: dict[str, object] = {
     "camera": {"position": [0, 1.6, 4.6], "target": [0, 0.5, 0], "fov": 38},
     "textures": {"squares": {"type": "checker", "colors": [[0.9, 0.6, 0.9], [0.5, 0.5, 1.0]], "scale": 6}},
@@ -90,7 +91,7 @@ LOBES: dict[str, object] = {
     "lights": [{"type": "point", "position": [2, 2.5, 2], "intensity": 4}],
 }
 
-#: What paths that share their directions can follow of it: no smooth lobes, no glass.
+#: The part of it that paths with shared directions support: no smooth lobes, no glass.
 ROUGH = LOBES | {
     "shapes": [
         shape
@@ -106,7 +107,7 @@ ROUGH = LOBES | {
 
 LENS = {"aperture_radius": 0.15, "focus_distance": 4.0}
 
-#: Triangles that are made as they are asked for.
+#: Streamed triangles, which are made on demand.
 STREAM: dict[str, object] = {
     "camera": {"position": [0, 3, 6], "target": [0, 0, 0], "fov": 45},
     "materials": {"grass": {"reflectance": [0.3, 0.6, 0.3]}},
@@ -117,7 +118,7 @@ STREAM: dict[str, object] = {
     ],
 }
 
-#: A row of points on a table and one that faces down.
+#: A row of points on a table, and one that faces down.
 POINTS = np.linspace([-1.0, 0.2, 1.5], [1.0, 0.6, 1.2], 12)
 
 FACING = [[0.0, 1.0, 0.0]] * 11 + [[0.0, -1.0, 0.0]]
@@ -285,7 +286,7 @@ def film_of(name: str, **changes: object) -> Film:
         scene = glpath.load_scene(MIXED)
         options["scene"] = replace(scene, sky=glpath.scene.Environment(ENVIRONMENT, rotation=25.0, scale=0.7))
     if options.get("integrator") == "gather":
-        # Particles are the same on every machine; quadrature rests on how many threads there are.
+        # Particles are the same on every machine, but quadrature depends on the number of threads.
         options["radiosity"] = glpath.solve_radiosity(
             options["scene"], method="monte-carlo", patches=200, particles=32768
         )
@@ -296,7 +297,7 @@ def film_of(name: str, **changes: object) -> Film:
 
 
 def film_hash(film: Film) -> str:
-    """SHA-256 (hex) of the light's sums, and of the AOVs' in the order of their names."""
+    """Return the SHA-256 (hex) of the light's sums, and of the AOVs' sums in the order of their names."""
     found = hashlib.sha256(np.ascontiguousarray(film.radiance_sums, "<f8").tobytes())
     for name in sorted(film.aov_sums):
         found.update(np.ascontiguousarray(film.aov_sums[name], "<f8").tobytes())

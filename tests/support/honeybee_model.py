@@ -1,4 +1,4 @@
-"""A model of honeybee, written by hand: two rooms side by side, a window, a door, shades and a sensor grid."""
+"""A handwritten honeybee model: two adjacent rooms, a window, a door, shades and a sensor grid."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def surface(*names: str) -> dict[str, Any]:
 
 
 def room(name: str, x0: float, x1: float, west: Any, east: Any, south: Any) -> dict[str, Any]:
-    """A box from x0 to x1, 5 deep and 3 high, its faces outward; west, east and south are more of these faces."""
+    """Return a box from x0 to x1, 5 deep and 3 high, with outward faces; west, east, south: their fields."""
     a, b, c, d = (x0, 0.0), (x1, 0.0), (x1, 5.0), (x0, 5.0)
 
     def wall(p: tuple[float, float], q: tuple[float, float]) -> Any:
@@ -77,7 +77,7 @@ def room(name: str, x0: float, x1: float, west: Any, east: Any, south: Any) -> d
 
 
 def two_rooms() -> dict[str, Any]:
-    """4 and 3 wide; a window of 2 x 1.5 to the south, a glass door between them, a board outside and a table."""
+    """Return rooms 4 and 3 wide: a 2 x 1.5 south window, a glass door between, a board outside, and a table."""
     window = opening(
         "Aperture",
         "window",
@@ -85,7 +85,7 @@ def two_rooms() -> dict[str, Any]:
         is_operable=False,
         outdoor_shades=[shade("board", [(1.0, 0.0, 2.6), (1.0, -0.5, 2.6), (3.0, -0.5, 2.6), (3.0, 0.0, 2.6)])],
     )
-    # From one side and from the other; both touch the floor.
+    # The door from one side and from the other; both touch the floor.
     inner = [(4.0, 1.0, 0.0), (4.0, 2.0, 0.0), (4.0, 2.0, 2.0), (4.0, 1.0, 2.0)]
     one = opening("Door", "door_a", inner, surface("door_b", "b_west", "b"), is_glass=True)
     other = opening("Door", "door_b", inner[::-1], surface("door_a", "a_east", "a"), is_glass=True)

@@ -1,6 +1,6 @@
-"""Suites of image tests that are run by pytester: fixtures of the tests of the pytest plugin.
+"""Suites of image tests that pytester runs: fixtures of the pytest plugin's tests.
 
-PYTEST_DONT_REWRITE, as test modules import it and name it as their plugin.
+PYTEST_DONT_REWRITE, because test modules import it and name it as their plugin.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-# Loaded here once: pytester unloads what a run of its own has loaded.
+# Load these here once, because pytester unloads the modules that its run has loaded.
 import glpath.pytest_plugin.report
 import glpath.rendering.calls  # noqa: F401
 from glpath.accel.bvh import build_bvh
 
 Run = Callable[..., pytest.RunResult]
 
-# Without nbmake, which takes a second to load, and without faulthandler: at its end a run would disable that of the
-# tests' own process. Where glpath is installed pytest finds the plugin by itself.
+# Disable nbmake, which takes a second to load, and faulthandler, because at its end a run would disable that of the
+# testing process. If glpath is installed, pytest finds the plugin itself.
 LOADED = ("-p", "no:nbmake", "-p", "no:faulthandler")
 if not any(e.value == "glpath.pytest_plugin" for e in entry_points(group="pytest11")):
     LOADED += ("-p", "glpath.pytest_plugin")
@@ -39,18 +39,18 @@ def test_grey(render_regression):
 
 @pytest.fixture(scope="session")
 def _numba_is_loaded() -> None:
-    """It loads parts of itself late, and none of them twice."""
+    """Load the parts of numba that it loads late, because they cannot be loaded twice."""
     build_bvh(np.zeros((2, 3)), np.ones((2, 3)))
 
 
 @pytest.fixture
 def run(_numba_is_loaded: None, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Run the suite in pytester's folder, by default not as CI."""
+    """Return a function that runs the suite in pytester's folder, by default not as in CI."""
     monkeypatch.delenv("CI", raising=False)
     pytester.makeini("[pytest]")
 
     def run_with(*options: str | Path) -> pytest.RunResult:
-        # To show a failing test, pytest asks all modules for their files, and crashes at one of Mitsuba's.
+        # To show a failing test, pytest asks all modules for their files, which crashes for one of Mitsuba's.
         hidden = {name: sys.modules.pop(name) for name in list(sys.modules) if name.split(".")[0] in _CRASHING}
         try:
             return pytester.runpytest_inprocess(*LOADED, *map(str, options))
@@ -62,7 +62,7 @@ def run(_numba_is_loaded: None, pytester: pytest.Pytester, monkeypatch: pytest.M
 
 @pytest.fixture
 def suite(pytester: pytest.Pytester) -> Callable[[str], Path]:
-    """Write test_a.py."""
+    """Return a function that writes test_a.py."""
 
     def write(text: str) -> Path:
         (pytester.path / "test_a.py").write_text(text)
