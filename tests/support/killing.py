@@ -1,4 +1,4 @@
-"""Renders in processes of their own, to be killed: what a test of checkpoints stands on."""
+"""Starts renders in separate processes and kills them, for tests of checkpoints."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from pathlib import Path
 from glpath.film.film import Film
 from glpath.system.signals import ENDING
 
-#: Small, by "path", and about a millisecond a path set.
+#: A small scene for "path": about a millisecond per path set.
 SMALL = ("cornell-box-36", "--resolution", "24x16", "--max-depth", "2")
 RENDER = ("render", *SMALL)
 
 
 def default_signals() -> None:
-    """Undo what the parent ignores, as nohup does SIGHUP. To be called in a child before its program starts."""
+    """Undo what the parent ignores, such as SIGHUP under nohup. Call it in a child before its program starts."""
     for number in ENDING:
         signal.signal(number, signal.SIG_DFL)
 
 
 def start(*arguments: object, command: Sequence[str] = RENDER) -> subprocess.Popen[str]:
-    """A command of glpath with progress as JSON."""
+    """Start a command of glpath with progress as JSON."""
     command = [sys.executable, "-m", "glpath", *command, *map(str, arguments), "--progress", "json"]
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=default_signals)
 
 
 def until_rendering(process: subprocess.Popen[str]) -> str:
-    """All lines up to the first that tells of path sets that this process has done."""
+    """Read all lines up to the first that reports path sets which this process has done."""
     read = []
     assert process.stderr is not None
     for line in process.stderr:
@@ -43,7 +43,7 @@ def until_rendering(process: subprocess.Popen[str]) -> str:
 
 
 def struck(number: int, *arguments: object, command: Sequence[str] = RENDER) -> tuple[int, str]:
-    """The exit code and what is told of a render that gets a signal while it renders."""
+    """Send a signal to a render while it renders; return the exit code and the output."""
     with start(*arguments, command=command) as process:
         told = until_rendering(process)
         process.send_signal(number)
@@ -55,12 +55,12 @@ def struck(number: int, *arguments: object, command: Sequence[str] = RENDER) -> 
 def kill_again_and_again(
     out: Path, times: int, seed: int, command: Sequence[str] = RENDER, checkpoint: Path | None = None
 ) -> list[int]:
-    """Kill a render with a checkpoint a path set so often at random moments, each time going on with the last.
+    """Kill a render repeatedly at random moments; each continues from the checkpoint of the last path set.
 
-    Half of the moments are before the first path set, or about it. Returns the path sets in the checkpoint after
-    each; asserts that they are never fewer than before, nor than the render had told of.
+    Half of the moments are before the first path set, or close to it. Returns the path sets in the checkpoint after
+    each kill; asserts that they are never fewer than before, nor than the render had reported.
 
-    checkpoint : where it is, if not in `out`
+    checkpoint : path of the checkpoint, if it is not `out`
     """
     checkpoint = out if checkpoint is None else checkpoint
     choice = random.Random(seed)

@@ -1,4 +1,4 @@
-"""A baked .glb and its light as Blender shows them, run by the Python that has `bpy`.
+"""Renders a baked .glb and its light in Blender; run by the Python that has `bpy`.
 
     python lightmap_in_blender.py < ASKED
 

@@ -1,4 +1,4 @@
-"""Small scenes to be baked."""
+"""Small scenes for bakes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ CAMERA = {"position": [0, -3, 1], "target": [0, 0, 1], "up": [0, 0, 1], "fov": 4
 
 BLACK = {"black": {"reflectance": 0}, "grey": {"reflectance": 0.5}}
 
-#: A lamp of 1.2 x 0.8 that shines down from a height of 2.
+#: A lamp of 1.2 x 0.8 at height 2 that shines down.
 LAMP: dict[str, Any] = {
     "name": "lamp",
     "type": "quad",

@@ -1,4 +1,4 @@
-"""Some things on a floor, and lights of every kind over them."""
+"""Some objects on a floor, and lights of every kind above them."""
 
 from __future__ import annotations
 
@@ -62,5 +62,5 @@ def scene_of(
 
 
 def floor_from_above(x: float = 0.7, **tables: Any) -> Scene:
-    """A degree of the floor about (x, 0, 0.01)."""
+    """Return a scene that shows one degree of the floor around (x, 0, 0.01)."""
     return scene_of([FLOOR], (x, 3, 0.01), (x, 0, 0.01), fov=1, size=(8, 8), up=(0, 0, 1), **tables)

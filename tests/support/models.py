@@ -1,4 +1,4 @@
-"""Models for tests, written here byte by byte: a box as glTF and as OBJ with MTL."""
+"""Models for tests, written byte by byte: a box as glTF and as OBJ with MTL."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import numpy as np
 from glpath.scene.tessellate import box
 
 VERTICES, FACES = box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))
-#: What both files say of the box's two halves.
+#: Colours of the box's two halves in both files.
 PAINT, GOLD = [0.75, 0.25, 0.125], [0.875, 0.75, 0.25]
 
 
 def gltf(path: Path, **changes: Any) -> Path:
-    """A .gltf of the box: six triangles of "Paint", six of "Gold"; `changes` replace lists of its JSON."""
+    """Write the box as .gltf: six triangles of "Paint", six of "Gold"; `changes` replace lists of its JSON."""
     faces = np.ascontiguousarray(FACES, "<u4").tobytes()
     data = faces + np.ascontiguousarray(VERTICES, "<f4").tobytes()
     root = {
@@ -89,9 +89,9 @@ Pm 1
 
 
 def obj(path: Path, mtl: str = MTL, uv: bool = False) -> Path:
-    """The same box as an .obj, with a library "box.mtl" beside it.
+    """Write the same box as .obj, with a library "box.mtl" beside it.
 
-    uv : with texture coordinates
+    uv : write texture coordinates
     """
     path.with_name("box.mtl").write_text(mtl)
     lines = ["mtllib box.mtl", *(f"v {x} {y} {z}" for x, y, z in VERTICES)]

@@ -1,7 +1,7 @@
-"""Small whole files of every format that is read, and how hypothesis spoils them.
+"""Small valid files of every format that glpath reads, and edits by hypothesis that spoil them.
 
-A seed is a file with what lies beside it, its reader, and the part of it that is spoiled. Of packed formats that is
-the inside, so that the reader gets beyond the container.
+A seed is a file with the files that it needs, its reader, and the part of it to spoil. For packed formats that is
+the content, so that the reader gets past the container.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from tests.support.rgbe_files import run_lengths
 class Seed:
     """A file to spoil.
 
-    name    : of the file that is spoiled, in an empty folder
-    content : what is spoiled
-    read    : is given the folder
-    pack    : makes the file of its content
-    beside  : other files by their names
-    text    : words and numbers can be exchanged
+    name    : name of the file to spoil, in an empty folder
+    content : part to spoil
+    read    : reader, which gets the folder
+    pack    : function that makes the file from its content
+    beside  : other files by name
+    text    : whether words and numbers can be exchanged
     """
 
     name: str
@@ -58,7 +58,7 @@ class Seed:
         (folder / self.name).write_bytes(self.pack(content))
 
 
-# Words that stand for a number, a name or a part of a statement.
+# Words that can replace a number, a name or a part of a statement.
 WORDS = [
     *("0", "-1", "1", "2", "4294967295", "4294967296", "2147483648", "-2147483649", "9223372036854775808"),
     *("1e308", "-1e308", "1e400", "1e-320", "nan", "-nan(ind)", "inf", "-inf", "9" * 400, "9" * 5000),
@@ -80,7 +80,7 @@ WORDS = [
     ),
     *("../../../../etc/passwd", "/dev/zero", "a" * 400, "\ud800", "\ufeff", "\u202e", "%s%n", "{0}", "$a", "&amp;"),
 ]
-# Numbers as they are stored.
+# Numbers in their stored forms.
 STORED = [
     number.to_bytes(size, order, signed=number < 0)
     for number in (0, 1, -1, 255, 2**15, 2**31 - 1, 2**31, 2**62)
@@ -94,7 +94,7 @@ Edit = tuple[str, int, int, int]
 
 
 def edits(text: bool) -> st.SearchStrategy[list[Edit]]:
-    """A few edits: a kind, a place as a share of 2**16, a length, and the number of what is put there."""
+    """Return a few edits: a kind, a place as a fraction of 2**16, a length, and the number of the replacement."""
     kinds = ["cut", "flip", "drop", "repeat", "bytes"] + ["word", "word", "word", "line"] * text
     place, number = st.integers(0, 2**16 - 1), st.integers(0, 2**16 - 1)
     edit = st.tuples(st.sampled_from(kinds), place, st.integers(1, 64), number)
@@ -102,7 +102,7 @@ def edits(text: bool) -> st.SearchStrategy[list[Edit]]:
 
 
 def spoiled(content: bytes, made: list[Edit]) -> bytes:
-    """The content after edits in their order."""
+    """Apply the edits to the content in order."""
     for kind, place, length, number in made:
         at = place * len(content) >> 16
         before, middle, after = content[:at], content[at : at + length], content[at + length :]
@@ -128,7 +128,7 @@ def spoiled(content: bytes, made: list[Edit]) -> bytes:
     return content
 
 
-#: The names of all seeds; those of LAS, LAZ and GeoTIFF need the extra `terrain`.
+#: Names of all seeds; those of LAS, LAZ and GeoTIFF need the extra `terrain`.
 NAMES = (
     "scene.toml",
     "mitsuba.xml",
@@ -267,7 +267,7 @@ def _pixels(height: int = 5, width: int = 7) -> Any:
 
 
 def _gltf() -> Gltf:
-    """A triangle with what a glTF file may have."""
+    """Return a triangle with many features of a glTF file."""
     file = Gltf()
     image = file.add("images", bufferView=file.view(encoded(_pixels())), mimeType="image/png")
     texture = file.add("textures", source=image, sampler=file.add("samplers", wrapS=33071, magFilter=9729))
@@ -300,7 +300,7 @@ def _serialized(stream: bytes) -> bytes:
 
 
 def _npz(name: str, arrays: dict[str, Any]) -> tuple[bytes, Callable[[bytes], bytes]]:
-    """The bytes of one member, and what makes the archive of it again."""
+    """Return the bytes of one member, and a function that makes the archive from them."""
     whole = io.BytesIO()
     np.savez(whole, **arrays)
     members = damaged.members_of(whole.getvalue())
@@ -308,7 +308,7 @@ def _npz(name: str, arrays: dict[str, Any]) -> tuple[bytes, Callable[[bytes], by
 
 
 def _lock(folder: Path) -> None:
-    """A lock whose file holds anything is taken, or refused with an error."""
+    """Take a lock whose file has any content: this must succeed or raise an error."""
     with Lock(folder / "a.png", "a test"):
         pass
 
@@ -326,12 +326,12 @@ def _points(folder: Path) -> object:
 
 
 def _pictured(suffix: str) -> list[Callable[[Path], object]]:
-    """Readers of a picture: as a texture of an OBJ, and to compare."""
+    """Return readers of a picture: as a texture of an OBJ, and for a comparison."""
     return [_scene("a.obj"), lambda folder: read_picture(folder / f"a{suffix}")]
 
 
 def seeds(folder: Path) -> dict[str, Seed]:
-    """All of them by name; `folder` is for files on the way."""
+    """Return all seeds by name; `folder` is for temporary files."""
     folder.mkdir(exist_ok=True)
     damaged.make(folder)
 
@@ -481,7 +481,7 @@ def seeds(folder: Path) -> dict[str, Seed]:
 
 
 def _with_packages(folder: Path) -> dict[str, Seed]:
-    """Those of the extra `terrain`; none without it."""
+    """Return the seeds of the extra `terrain`; empty if it is missing."""
     try:
         import laspy
         import rasterio

@@ -29,13 +29,13 @@ def camera(
 
 
 def ball(centre: ArrayLike, radius: float, rotation: NDArray[np.float64] | None = None) -> Float64:
-    """(3, 4) world_from_unit of a round sphere."""
+    """Return (3, 4) world_from_unit of a round sphere."""
     linear = radius * (np.eye(3) if rotation is None else rotation)
     return np.concatenate([linear, np.array(centre, float)[:, None]], axis=1)
 
 
 def ground(height: float = -2.0) -> Float64:
-    """(3, 4) world_from_plane of a horizontal plane with its front up."""
+    """Return (3, 4) world_from_plane of a horizontal plane with its front up."""
     return np.array([[1, 0, 0, 0], [0, 0, 1, height], [0, -1, 0, 0]], float)
 
 
@@ -54,7 +54,7 @@ def scene_of(
     materials: Sequence[Material] = (GREY,),
     **fields: object,
 ) -> Scene:
-    """A scene of one shape per sphere and plane, and one of all triangles; shape i has material i, cyclically."""
+    """Return a scene: one shape per sphere and plane, one of all triangles; shape i has material i, cyclically."""
     s = np.array(spheres, float).reshape(-1, 3, 4)
     t = np.array(triangles, float).reshape(-1, 3, 3)
     p = np.array(planes, float).reshape(-1, 3, 4)
@@ -66,7 +66,7 @@ def scene_of(
 
 
 def flat(scene: Scene) -> Scene:
-    """A scene in triangles without the normals of its vertices, as the references of the tests shade it."""
+    """Return a scene without vertex normals, as the references of the tests shade it."""
     shapes = [
         replace(s, geometry=replace(s.geometry, normals=None)) if isinstance(s.geometry, Mesh) else s
         for s in scene.shapes

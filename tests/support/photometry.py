@@ -1,4 +1,4 @@
-"""Files of luminaires, written in tests."""
+"""Writes files of luminaires for tests."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def ies(
     tilt: str = "TILT=NONE",
     factors: tuple[float, float, float] = (1, 1, 1),
 ) -> Path:
-    """A file of type C; candela (C, gamma)."""
+    """Write an IES file of type C; candela (C, gamma)."""
     path.write_text(
         f"{head}{tilt}\n1 -1 {factors[0]} {len(gamma)} {len(c)} 1 2 0 0 0\n{factors[1]} {factors[2]} 10\n"
         f"{written(gamma)}\n{written(c)}\n" + "".join(written(row) + "\n" for row in candela)
@@ -46,7 +46,7 @@ def eulumdat(
 ) -> Path:
     """A EULUMDAT file: all planes `c` from 0 to below 360, and intensities (stored planes, gamma), cd per 1000 lm.
 
-    sets : of lamps, how many and the lumens of all of them
+    sets : for each set of lamps, their number and the lumens of all of them
     """
     head = ["nobody", 1 if symmetry == 1 else 3, symmetry, len(c), 0, len(gamma), 0, "", "made up", "", "a", "now"]
     sizes = [0] * 10

@@ -1,7 +1,7 @@
-"""Compiled packages that runs of pytester use, loaded before them.
+"""Loads compiled packages that runs of pytester use, before they start.
 
-pytester unloads what a run of its own has loaded. A compiled package is then loaded a second time: matplotlib does
-not know the objects of the first, and a process with OpenEXR or FLIP may crash much later.
+pytester unloads the modules that a run has loaded. A compiled package is then loaded a second time: matplotlib does
+not recognize the objects of the first copy, and a process with OpenEXR or FLIP may crash much later.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where the repository is: tests name its files from here, so that they may move."""
+"""The path of the repository, from which tests name its files, so that the tests may move."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""RGBE files, written in tests."""
+"""Writes RGBE files for tests."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 def colours(rgbe: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """By the definition, pixel by pixel."""
+    """Decode by the definition, pixel by pixel."""
     found = np.zeros((*rgbe.shape[:2], 3))
     for at in np.ndindex(rgbe.shape[:2]):
         *mantissas, exponent = (int(x) for x in rgbe[at])
@@ -17,7 +17,7 @@ def colours(rgbe: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def run_lengths(rgbe: NDArray[np.uint8]) -> bytes:
-    """Each line channel by channel, in runs of one value or of several [Radiance's color.c]."""
+    """Encode each line channel by channel, in runs of one value or of several [Radiance's color.c]."""
     out = bytearray()
     for line in rgbe:
         out += bytes([2, 2, len(line) >> 8, len(line) & 255])

@@ -18,14 +18,14 @@ CAMERA = Camera(np.array([0.0, 0, 5]), np.zeros(3), np.array([0.0, 1, 0]), 40.0,
 
 
 def rectangle(corner: ArrayLike, u: ArrayLike, v: ArrayLike) -> Float64:
-    """(2, 3, 3): two triangles; the front is towards u x v."""
+    """Return (2, 3, 3) triangles of a rectangle; its front faces u x v."""
     a, u, v = (np.asarray(x, float) for x in (corner, u, v))
     vertices, faces = quad([a, a + u, a + u + v, a + v])
     return vertices[faces]
 
 
 def cuboid(lower: ArrayLike, upper: ArrayLike, inside: bool = False) -> Float64:
-    """(12, 3, 3): a box, fronts outward, or inward as of a room."""
+    """Return (12, 3, 3) triangles of a box, with fronts outwards, or inwards as in a room."""
     vertices, faces = box(lower, upper)
     return vertices[faces[:, ::-1] if inside else faces]
 
@@ -38,7 +38,7 @@ def part(
     two_sided: bool = False,
     emission_two_sided: bool = False,
 ) -> dict[str, Any]:
-    """A shape for `room`."""
+    """Return a shape for `room`."""
     return {
         "triangles": np.asarray(triangles, float),
         "material": {"reflectance": np.broadcast_to(np.asarray(reflectance, float), 3), "two_sided": two_sided},
@@ -50,14 +50,14 @@ def part(
 
 
 def room(*parts: dict[str, Any]) -> Scene:
-    """A scene of `part`s."""
+    """Return a scene of `part`s."""
     shapes = [Shape(f"part{i}", Mesh.of_triangles(p["triangles"]), i, **p["shape"]) for i, p in enumerate(parts)]
     materials = tuple(Material(f"material{i}", **p["material"]) for i, p in enumerate(parts))
     return Scene("room", CAMERA, Shapes(shapes), materials)
 
 
 def room_with_a_ball(subdivisions: int) -> Scene:
-    """A closed grey room of 12 triangles with a point light, and in it a ball of 20 * 4^subdivisions."""
+    """Return a closed grey room of 12 triangles with a point light and a ball of 20 * 4^subdivisions triangles."""
     return load_scene(
         {
             "camera": {"position": [0, 0, 2.9], "target": [0, 0, 0], "fov": 40},
@@ -78,7 +78,7 @@ def room_with_a_ball(subdivisions: int) -> Scene:
 
 
 def with_triangles(scene: Scene, name: str, change: Callable[[Float64], Float64]) -> Scene:
-    """The scene with the triangles (T, 3, 3) of one shape changed."""
+    """Return the scene with the triangles (T, 3, 3) of one shape changed."""
     shapes = list(scene.shapes)
     i = next(i for i, shape in enumerate(shapes) if shape.name == name)
     mesh = Mesh.of_triangles(change(scene.triangles[scene.shapes.ranges[i]].copy()))

@@ -1,4 +1,4 @@
-"""Small models of one feature of glTF each, in the layout of Khronos' samples: spheres and plates, made here.
+"""Small models of one glTF feature each, in the layout of Khronos' samples: procedural spheres and plates.
 
     python -m tests.support.sample_models FOLDER
 
@@ -17,7 +17,7 @@ import numpy as np
 from glpath.scene.model import Float64
 from tests.support.gltf_files import Gltf
 
-#: A plate in the plane z = 0, its front towards +z, v downwards as glTF has it.
+#: A plate in the plane z = 0 that faces +z; v increases downwards as in glTF.
 PLATE = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
 PLATE_UV = np.array([[0.0, 1], [1, 1], [1, 0], [0, 0]])
 TWO = [0, 1, 2, 0, 2, 3]
@@ -29,13 +29,13 @@ def pbr(colour: Sequence[float] = (0.8, 0.8, 0.8, 1.0), metallic: float = 0.0, r
 
 
 def material(base: Any = None, **extensions: Any) -> dict[str, Any]:
-    """Extensions by their names without KHR_materials_."""
+    """Return a material; extensions are given by name without KHR_materials_."""
     named = {f"KHR_materials_{name}": fields for name, fields in extensions.items()}
     return {"pbrMetallicRoughness": base or pbr(), **({"extensions": named} if named else {})}
 
 
 def sphere(file: Gltf, material: int, columns: int = 48, rows: int = 24, **attributes: Any) -> int:
-    """A mesh of radius 0.45 with normals and texture coordinates; returns its number."""
+    """Add a mesh of radius 0.45 with normals and texture coordinates; return its number."""
     u, v = np.meshgrid(np.arange(columns + 1) / columns, np.arange(rows + 1) / rows)
     theta, phi = np.pi * v.ravel(), 2 * np.pi * u.ravel()
     normals = np.stack([np.sin(theta) * np.sin(phi), np.cos(theta), np.sin(theta) * np.cos(phi)], axis=1)
@@ -54,7 +54,7 @@ def plate(file: Gltf, material: int, uv: Float64 = PLATE_UV, **attributes: Any) 
 
 
 def in_a_row(file: Gltf, meshes: Sequence[int], columns: int = 0, **node: Any) -> None:
-    """Nodes one beside the other, in rows of so many, from above."""
+    """Add nodes beside each other, in rows of `columns`, from the top."""
     columns = columns or len(meshes)
     for i, mesh in enumerate(meshes):
         file.node(mesh=mesh, translation=[i % columns, -(i // columns), 0], **node)
@@ -67,7 +67,7 @@ def spheres(*materials: dict[str, Any], columns: int = 0) -> Gltf:
 
 
 def named(file: Gltf) -> Gltf:
-    """With the list of the extensions that it uses."""
+    """Add the list of the extensions that the file uses."""
     used = sorted({name for each in file.json.get("materials", []) for name in each.get("extensions", {})})
     used += ["KHR_texture_transform"] * ("KHR_texture_transform" in str(file.json.get("materials", [])))
     if used:
@@ -165,7 +165,7 @@ def transmission_roughness() -> Gltf:
 
 
 def diffuse_transmission() -> Gltf:
-    """Plates before a dark sphere, seen against the light and with it."""
+    """Return turned plates that transmit none, half and all of the diffuse light."""
     file = Gltf()
     for i, share in enumerate((0.0, 0.5, 1.0)):
         leaf = {"diffuseTransmissionFactor": share, "diffuseTransmissionColorFactor": [0.4, 0.8, 0.2]}
@@ -177,7 +177,7 @@ def diffuse_transmission() -> Gltf:
 
 
 def negative_scale() -> Gltf:
-    """Letters L of single-sided plates, some of them mirrored: each row is the other's mirror image."""
+    """Return single-sided letters L and balls, each mirrored along no axis, x, y, and both."""
     file = Gltf()
     number = file.add("materials", **material(pbr((0.9, 0.5, 0.2, 1), 0.0, 0.6)))
     corners = np.array([[0, 0], [0.8, 0], [0.8, 0.25], [0.25, 0.25], [0.25, 0.9], [0, 0.9]]) - [0.4, 0.45]
@@ -191,7 +191,7 @@ def negative_scale() -> Gltf:
 
 
 def vertex_colour() -> Gltf:
-    """Above by the colours of vertices, below by base colours: each plate as the one below it."""
+    """Return plates with vertex colours above plates with base colours: each must look like the one below it."""
     file = Gltf()
     white = file.add("materials", **material(pbr((1, 1, 1, 1), 0.0, 1.0)))
     colours = ([0.8, 0.1, 0.1], [0.1, 0.7, 0.2], [0.1, 0.2, 0.8])
@@ -203,7 +203,7 @@ def vertex_colour() -> Gltf:
 
 
 def checker() -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """(4, 4, 3): no two texels alike, so that each turn and each mirror image is another picture."""
+    """Return (4, 4, 3) different texels, so that each rotation and each mirror image is another picture."""
     value = np.arange(16).reshape(4, 4)
     return np.stack([40 + 12 * value, 230 - 12 * value, 60 + 40 * (value % 4)], axis=-1).astype(np.uint8)
 
@@ -212,7 +212,7 @@ WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
 
 
 def texture_settings() -> Gltf:
-    """Unlit plates: nine pairs of wraps with coordinates from -1 to 2, and filters."""
+    """Return unlit plates: nine pairs of wraps with coordinates from -1 to 2, and filters."""
     file = Gltf()
     image = file.image(checker())
     uv = 3 * PLATE_UV - 1
@@ -253,7 +253,7 @@ def _unlit(file: Gltf, texture: dict[str, Any]) -> int:
 
 
 def dome(side: int = 64) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """(side, side, 3): the normal map of a flat dome, green upwards."""
+    """Return the (side, side, 3) normal map of a flat dome, green upwards."""
     x, y = np.meshgrid((np.arange(side) + 0.5) / side * 2 - 1, 1 - (np.arange(side) + 0.5) / side * 2)
     inside = x * x + y * y < 0.8
     nx, ny = np.where(inside, 0.6 * x, 0.0), np.where(inside, 0.6 * y, 0.0)
@@ -262,7 +262,7 @@ def dome(side: int = 64) -> np.ndarray[Any, np.dtype[np.uint8]]:
 
 
 def normal_tangent_mirror() -> Gltf:
-    """Plates of a dome, each by coordinates that are mirrored or turned otherwise: all domes bulge alike."""
+    """Return plates with a dome each, by coordinates that are mirrored or rotated: all domes must bulge equally."""
     file = Gltf()
     texture = file.texture(dome())
     number = file.add("materials", **material(pbr((0.7, 0.7, 0.7, 1), 0.0, 0.4)), normalTexture={"index": texture})
@@ -313,7 +313,7 @@ MODELS: dict[str, Callable[[], Gltf]] = {
 
 
 def write_models(folder: Path, names: Sequence[str] = tuple(MODELS)) -> None:
-    """FOLDER/Models/NAME/glTF/NAME.gltf of each."""
+    """Write FOLDER/Models/NAME/glTF/NAME.gltf of each model."""
     for name in names:
         into = folder / "Models" / name / "glTF"
         into.mkdir(parents=True, exist_ok=True)

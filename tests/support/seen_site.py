@@ -1,8 +1,8 @@
-"""Pages of the built site as a browser shows them, on a phone and on a desk, light and dark.
+"""Pages of the built site in a browser, at the sizes of a phone and a desktop, light and dark.
 
-`python -m tests.support.seen_site SITE FOLDER [PAGE ...]` writes pictures of pages for the eye, all by default.
+`python -m tests.support.seen_site SITE FOLDER [PAGE ...]` writes pictures of pages to look at, by default of all.
 
-Needs what `browser.py` needs. Pages are files, and ask nothing of a network.
+It needs the same programs as `browser.py`. Pages are local files, and need no network.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ from typing import Any
 
 from tests.support import browser
 
-#: (width, height) in CSS pixels, by what one reads on.
+#: (width, height) in CSS pixels, by device.
 SCREENS = {"phone": (390, 844), "desk": (1440, 900)}
 THEMES = ("light", "dark")
 
-#: What sticks out of the window to the right and is not in a box that scrolls: (tag, class, right edge) of each.
+#: Elements that extend beyond the right edge of the window and are not in a scrolling box: (tag, class,
+#: right edge).
 _WIDER = """
 const found = [], width = document.documentElement.clientWidth
 const scrolls = node => {
@@ -36,14 +37,14 @@ if (root.scrollWidth > width) found.push(['HTML', 'scrollWidth', root.scrollWidt
 return found.slice(0, 5)
 """
 
-#: Pictures of the page without a text for who does not see them, or that have not loaded.
+#: Pictures of the page that have no alternative text, or have not loaded.
 _WITHOUT_TEXT = """
 return [...document.querySelectorAll('article img')]
   .filter(each => !each.alt.trim() || (each.complete && !each.naturalWidth))
   .map(each => `${each.src.slice(0, 80)} alt=${each.alt}`)
 """
 
-#: Texts whose contrast with the background is below 3, which large text needs at least (WCAG 2.2, 1.4.3).
+#: Texts whose contrast with the background is below 3, the minimum for large text (WCAG 2.2, 1.4.3).
 _FAINT = """
 const numbers = text => (text.match(/[\\d.]+/g) || []).map(Number)
 const light = ([r, g, b]) => [r, g, b].map(v => v / 255)
@@ -71,44 +72,44 @@ return [...found].slice(0, 5)
 class Site:
     """A browser with one page of the site in it.
 
-    folder : of the built site
+    folder : folder of the built site
     """
 
     def __init__(self, driver: Any, folder: Path) -> None:
         self.driver, self.folder = driver, folder
 
     def look(self, page: str, screen: str, theme: str) -> None:
-        """Load a page, as wide as a screen of `SCREENS` is."""
+        """Load a page at the size of a screen of `SCREENS`."""
         width, height = SCREENS[screen]
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": screen == "phone"}
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
         self.set_theme(theme)
         self.driver.get((self.folder / page).resolve().as_uri())
-        # Pictures below the window load when they are scrolled to.
+        # Pictures below the window would load only after scrolling to them.
         self.driver.execute_script("document.querySelectorAll('img').forEach(each => { each.loading = 'eager' })")
 
     def set_theme(self, theme: str) -> None:
-        """What the reader's system prefers."""
+        """Set the colour scheme that the reader's system prefers."""
         media = {"features": [{"name": "prefers-color-scheme", "value": theme}]}
         self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
 
     def wider(self) -> list[list[Any]]:
-        """What is wider than the window and cannot be scrolled in a box of its own."""
+        """Return the elements that are wider than the window and not in a scrolling box."""
         found: list[list[Any]] = self.driver.execute_script(_WIDER)
         return found
 
     def without_text(self) -> list[str]:
-        """Pictures that have no alternative text, or are not there."""
+        """Return the pictures that have no alternative text, or have not loaded."""
         found: list[str] = self.driver.execute_script(_WITHOUT_TEXT)
         return found
 
     def faint(self) -> list[str]:
-        """Texts that can hardly be told from what is behind them."""
+        """Return the texts that have little contrast with their background."""
         found: list[str] = self.driver.execute_script(_FAINT)
         return found
 
     def picture(self) -> bytes:
-        """The page as PNG, down to 4000 pixels."""
+        """Return the page as PNG, down to 4000 pixels."""
         size = self.driver.execute_cdp_cmd("Page.getLayoutMetrics", {})["cssContentSize"]
         clip = {"x": 0, "y": 0, "width": size["width"], "height": min(size["height"], 4000), "scale": 1}
         shot = self.driver.execute_cdp_cmd("Page.captureScreenshot", {"clip": clip, "captureBeyondViewport": True})
@@ -116,7 +117,7 @@ class Site:
 
 
 def pages(folder: Path) -> Iterator[str]:
-    """All pages with content, the search and the index of names left out."""
+    """Yield all pages with content, without the search and the index of names."""
     for path in sorted(folder.rglob("*.html")):
         if path.name not in ("genindex.html", "search.html", "py-modindex.html"):
             yield path.relative_to(folder).as_posix()

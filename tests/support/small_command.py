@@ -1,4 +1,4 @@
-"""`python -m tests.support.small_command ARGUMENTS`: the `glpath` command, but with little to compute.
+"""`python -m tests.support.small_command ARGUMENTS`: runs the `glpath` command with little to compute.
 
 Pages show commands for real pictures; a test runs each with a few pixels and samples.
 """
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from glpath.cli.main import run
 
-#: By command: options with a value that are left out, and what is added.
+#: For each command: options with a value to omit, and options to add.
 SMALLER: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "render": (
         ("--resolution", "--spp", "--noise", "--clean", "--time-limit", "--crop"),
@@ -25,7 +25,7 @@ SMALLER: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 
 def smaller(arguments: Sequence[str]) -> list[str]:
-    """The arguments with less to compute."""
+    """Return the arguments with less to compute."""
     command = arguments[0] if arguments else ""
     if command not in SMALLER or "--job" in arguments or any(each.startswith("--help") for each in arguments):
         return list(arguments)
@@ -34,12 +34,12 @@ def smaller(arguments: Sequence[str]) -> list[str]:
     for each in rest:
         if each in left_out:
             next(rest)
-        elif each.startswith("level="):  # of a generated scene
+        elif each.startswith("level="):  # for a generated scene
             kept.append("level=4")
         else:
             kept.append(each)
     if command == "render" and "--sample-range" not in kept:
-        added = (*added, "--spp", "16")  # the fewest that a picture may be denoised from
+        added = (*added, "--spp", "16")  # the fewest with which a picture may be denoised
     return [*kept, *added]
 
 

@@ -23,7 +23,7 @@ TRIANGLE = np.array([[[0, 0, 0], [1, 0, 0], [0, 0, -1]]], float)
 
 
 class Given:
-    """Chunks that are what a test says."""
+    """Chunks that a test gives."""
 
     def __init__(self, *chunks: Any) -> None:
         self.chunks = chunks
@@ -36,19 +36,19 @@ class Given:
 
 
 def streamed_corners(hills: Hills) -> NDArray[np.float64]:
-    """(T, 3, 3) of all of a terrain."""
+    """Return (T, 3, 3) corners of a whole terrain."""
     found = (hills.chunk(i) for i in range(len(hills)))
     return np.concatenate([vertices[faces] for vertices, faces in found]).astype(np.float64)
 
 
 def in_memory(triangles: NDArray[Any], **more: Any) -> dict[str, Any]:
-    """The shape of triangles (T, 3, 3), as a description."""
+    """Return the description of a shape of triangles (T, 3, 3)."""
     vertices = np.asarray(triangles, np.float64).reshape(-1, 3)
     return {"vertices": vertices, "faces": np.arange(len(vertices)).reshape(-1, 3), **more}
 
 
 def scene_of(terrain: dict[str, Any], **more: Any) -> glpath.Scene:
-    """A box and a lamp over a terrain, which is the last shape."""
+    """Return a scene with a box and a lamp over a terrain, which is the last shape."""
     return glpath.load_scene(
         {
             "camera": {"position": [0, 3, 6], "target": [0, 0, 0], "fov": 45},
