@@ -17,7 +17,7 @@ Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 #: Difference between neighbouring elements, as a fraction of the brighter one, above which it counts as abrupt.
-_ABRUPT = 0.9
+_ABRUPT = 0.7
 
 
 def interpolate(vertices_of: Int64, leaf: Int64, vertices: Float64, elements: Float64) -> Float64:
