@@ -86,7 +86,7 @@ def computed_by(
     scheduler is gone.
     """
     count = max(1, min(len(points), _SHARDS_A_WORKER * max(1, len(cluster.workers()))))
-    kept = None if resume is None else KeptShards(Path(resume), work, count)
+    kept = None if resume is None else KeptShards(Path(resume), work, count, len(points))
     found = {} if kept is None else kept.read()
     count = count if kept is None else kept.count
     shared = DaylightWork(uuid.uuid4().hex, scene, points, normals, options, this_version())

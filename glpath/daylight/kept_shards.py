@@ -13,9 +13,11 @@ from glpath.errors import ImageError
 from glpath.system.checkpoint import CheckpointFile
 from glpath.system.files import reason_of, remove_parts
 
-_NAME = re.compile(r"([0-9]+)-of-([0-9]+)\.npz")
+# Shard files are named K-of-N.npz, with K from 1 to N, both without leading zeros.
+_NUMBERS = r"[1-9][0-9]*-of-[1-9][0-9]*"
+_NAME = re.compile(rf"({_NUMBERS})\.npz")
 # Pattern of the temporary name of a shard file that is being written, see `glpath.system.files.new_file`.
-_PART_NAME = re.compile(r"\.([0-9]+-of-[0-9]+)\.[0-9a-f]{8}\.part\.npz")
+_PART_NAME = re.compile(rf"\.({_NUMBERS})\.[0-9a-f]{{8}}\.part\.npz")
 
 
 class _ShardFile(CheckpointFile):
@@ -27,14 +29,16 @@ class _ShardFile(CheckpointFile):
 class KeptShards:
     """Checkpoint folder with the finished shards (ranges of sensors) of a computation.
 
-    work  : identifier of the computation, as in `Shard`; shards of another computation have a different one
-    count : number of shards; ignored if the folder already has shards, because their names contain the number
+    work    : identifier of the computation, as in `Shard`; shards of another computation have a different one
+    count   : number of shards; ignored if the folder already has shards, because their names contain the number
+    sensors : number of sensors of the computation, the maximum number of shards
 
     Raises ImageError if the path is not a folder, or if the names of its shards give different numbers of shards.
-    Other files in the folder raise ImageError, too, because the folder is removed when the computation ends.
+    Raises ImageError, too, for more shards than sensors, and for a shard number that is not from 1 to their number.
+    Other files in the folder raise ImageError, because the folder is removed when the computation ends.
     """
 
-    def __init__(self, folder: Path, work: str, count: int) -> None:
+    def __init__(self, folder: Path, work: str, count: int, sensors: int) -> None:
         if os.path.exists(folder) and not os.path.isdir(folder):
             raise ImageError(
                 f"{folder}: is a file, where a cluster keeps a folder of shards.",
@@ -48,13 +52,19 @@ class KeptShards:
                 remove_parts(folder / f"{part[1]}.npz")
                 continue
             match = _NAME.fullmatch(path.name)
-            if match is None or (self._files and int(match[2]) != count):
+            if match is None or (self._files and int(match[1].split("-of-")[1]) != count):
                 wanted = f"K-of-{count}.npz" if self._files else "K-of-N.npz"
                 raise ImageError(
                     f"{folder}: has {path.name}; the folder of a cluster's shards has only files {wanted}.",
                     "Move the file elsewhere, or name another output.",
                 )
-            number, count = map(int, match.groups())
+            number, count = map(int, match[1].split("-of-"))
+            if number > count or count > sensors:
+                raise ImageError(
+                    f"{folder}: has {path.name}; a shard K-of-N.npz of {sensors:,} sensors has K from 1 to N, and "
+                    f"N from 1 to {sensors}.",
+                    "Move the file elsewhere, or name another output.",
+                )
             self._files[number] = path
         #: Number of shards into which the computation is divided.
         self.count = count

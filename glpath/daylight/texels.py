@@ -29,7 +29,7 @@ from glpath.io.vtk import VtkMesh
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
-from glpath.system.arguments import checked, short_repr
+from glpath.system.arguments import check_array, checked, short_repr
 from glpath.system.suggestions import listed_names, name_fits
 
 Float64 = NDArray[np.float64]
@@ -47,11 +47,23 @@ class Texels:
                   corner
     shape       : (N,) int32, index of the shape in the scene
     shape_names : names of all shapes of the scene
+
+    Raises UsageError for arrays of other shapes, and for values out of range.
     """
 
     corners: Float64
     shape: NDArray[np.int32]
     shape_names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        names = self.shape_names
+        if not isinstance(names, tuple | list) or not all(isinstance(name, str) for name in names):
+            raise UsageError(f"shape_names: {short_repr(names)} where a tuple of texts is needed")
+        corners = check_array("corners", self.corners, (None, 4, 3), (-LARGEST, LARGEST))
+        shape = check_array("shape", self.shape, (len(corners),), (0, len(names) - 1), whole=True)
+        object.__setattr__(self, "corners", corners)
+        object.__setattr__(self, "shape", shape.astype(np.int32))
+        object.__setattr__(self, "shape_names", tuple(names))
 
     def __len__(self) -> int:
         return len(self.corners)

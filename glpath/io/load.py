@@ -239,7 +239,10 @@ def _plain(value: Any, depth: int = 0) -> Any:
 
 
 def _key(key: object) -> str:
-    return str(key) if isinstance(key, str | int | float) else short_repr(key)
+    try:
+        return str(key) if isinstance(key, str | int | float) else short_repr(key)
+    except Exception:  # `__str__` of a subclass may raise any error
+        return short_repr(key)
 
 
 def _at_keys(location: SourceLocation, keys: Sequence[str | int]) -> SourceLocation:

@@ -25,7 +25,7 @@ from glpath.integrators.gather_settings import Solution
 from glpath.integrators.settings import IntegratorSettings, Rgb
 from glpath.rendering import run_options
 from glpath.rendering.run_options import RunKeywords, RunOptions
-from glpath.system.arguments import check_count, check_word, short_repr
+from glpath.system.arguments import check_count, check_word, is_numbers, short_repr
 from glpath.system.arguments import checked as checked_arguments
 from glpath.system.suggestions import similar_names
 from glpath.system.time_limit import limited
@@ -303,10 +303,11 @@ def numbers(name: str, value: Any, count: int) -> NDArray[np.float64]:
     from glpath.scene.geometry import LARGEST
 
     try:
-        found = np.atleast_1d(np.asarray(value, np.float64))
-    except (TypeError, ValueError, OverflowError):
-        found = np.empty(0)
-    if found.shape != (count,) or not np.all(np.abs(found) <= LARGEST) or isinstance(value, str):
+        given = np.asarray(value)
+    except Exception:  # an object may raise any error when numpy converts it
+        given = np.array("")
+    found = np.atleast_1d(given.astype(np.float64)) if is_numbers(given) else np.empty(0)
+    if found.shape != (count,) or not np.all(np.abs(found) <= LARGEST):
         limit = f" up to {LARGEST:g}" if np.isfinite(found).all() and len(found) else ""
         needed = f"a finite number{limit} is" if count == 1 else f"{count} finite numbers{limit} are"
         raise UsageError(f"{name}: {short_repr(value)} where {needed} needed")

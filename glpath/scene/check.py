@@ -12,7 +12,7 @@ from glpath.scene.camera import CameraKey
 from glpath.scene.choices import PROJECTIONS
 from glpath.scene.geometry import LARGEST
 from glpath.scene.model import Camera, Light, Mesh, Scene, Shape
-from glpath.scene.sight import enclosing, sees_anything, touched_shape
+from glpath.scene.sight import enclosing, enclosing_spheres, enclosing_with_cost, sees_anything, touched_shape
 from glpath.scene.source_location import SourceLocation, coordinates
 from glpath.system.arguments import checked
 from glpath.system.time_limit import check_time
@@ -23,6 +23,8 @@ MAX_PIXELS = 2**28
 _MIN_OPACITY = 0.02
 # `up` and the view direction count as parallel if the sine of the angle between them is below this.
 _PARALLEL = 1e-6
+# Maximum cost of the tests whether shapes enclose lights, for all lights together; see `enclosing_with_cost`.
+_MAX_COST = 1 << 24
 
 
 @checked
@@ -131,6 +133,9 @@ def check_scene(scene: Scene, seen: bool = True) -> list[str]:
     """Return warnings about a scene that can be rendered, but probably not as intended; empty if none apply.
 
     seen : False to leave out the camera's position and view, for sensors made of points
+
+    If many lights are inside many shapes, some lights are tested for enclosing spheres only. Warnings that need the
+    other tests are then left out, so that the time is limited.
     """
     shining = [light for light in scene.lights if np.any(light.intensity > 0)]
     placed = [light for light in shining if light.kind != "directional"]
@@ -138,10 +143,16 @@ def check_scene(scene: Scene, seen: bool = True) -> list[str]:
     found = [] if shining else _about_darkness(scene)
     # A shape with a light inside is meant as a room, so a camera inside such a shape causes no warning.
     lit_inside = np.zeros(len(scene.shapes), np.bool_)
+    cost = 0
     for light in placed:
         check_time()
-        around = enclosing(scene, light.position)
-        lit_inside |= around != 0
+        if cost < _MAX_COST:
+            around, more = enclosing_with_cost(scene, light.position)
+            cost += more
+            lit_inside |= around != 0
+        else:
+            around = enclosing_spheres(scene, light.position)
+            lit_inside[:] = True
         found += _about_what_encloses(light, scene, np.flatnonzero((around != 0) & (around_camera == 0)))
         found += _about_planes(light, scene) if seen else []
     if seen:
@@ -222,29 +233,37 @@ def _about_darkness(scene: Scene) -> list[str]:
 
 
 def _about_what_encloses(light: Light, scene: Scene, around: NDArray[np.intp]) -> list[str]:
-    """Return warnings about shapes that enclose a light and occlude it from everything outside.
+    """Return a warning if shapes enclose a light and occlude it from everything outside.
 
     around : indices of shapes that enclose the light, but not the camera
     """
+    if not len(around):
+        return []
     return [
-        f'The light "{light.name}" stands inside the shape "{scene.shapes[index].name}", which keeps it from '
-        "everything outside. Move the light out, or leave the shape away."
-        for index in around
+        f'The light "{light.name}" stands inside the shape "{scene.shapes[around[0]].name}"{_others(around)}, '
+        "which keeps it from everything outside. Move the light out, or leave the shape away."
     ]
 
 
+def _others(indices: NDArray[np.intp]) -> str:
+    """Return the text for all shapes but the first; empty if there is only one."""
+    return f" (and {len(indices) - 1:,} more shapes)" if len(indices) > 1 else ""
+
+
 def _about_planes(light: Light, scene: Scene) -> list[str]:
-    """Return warnings about planes between a light and the camera."""
+    """Return a warning if planes are between a light and the camera."""
     # Signed distances, above 0 on the front side of each plane.
     eye, lamp = (
         np.sum(scene.planes[:, :, 2] * (point - scene.planes[:, :, 3]), axis=1)
         for point in (scene.camera.position, light.position)
     )
-    shape_of_plane = scene.shapes.primitive_shape("plane")
+    between = np.flatnonzero(eye * lamp < 0)
+    if not len(between):
+        return []
+    name = scene.shapes[scene.shapes.primitive_shape("plane")[between[0]]].name
     return [
         f'The light "{light.name}" and the camera are on different sides of the plane '
-        f'"{scene.shapes[shape_of_plane[index]].name}", which keeps it from all that can be seen. Move one of them.'
-        for index in np.flatnonzero(eye * lamp < 0)
+        f'"{name}"{_others(between)}, which keeps it from all that can be seen. Move one of them.'
     ]
 
 

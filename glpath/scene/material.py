@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from operator import attrgetter
 from typing import Literal
 
 import numpy as np
@@ -62,6 +63,9 @@ SLOTS = (
     "sheen_texture",
     "sheen_roughness_texture",
 )
+
+
+_slot_values = attrgetter(*SLOTS)
 
 
 @checked_fields
@@ -480,8 +484,7 @@ class Material:
     @property
     def slots(self) -> dict[str, TextureSlot]:
         """Texture slots in use, by field name."""
-        found = {name: getattr(self, name) for name in SLOTS}
-        return {name: slot for name, slot in found.items() if slot is not None}
+        return {name: slot for name, slot in zip(SLOTS, _slot_values(self), strict=True) if slot is not None}
 
 
 def metal_reflectance(n: Float64, k: Float64) -> Float64:

@@ -19,6 +19,8 @@ from glpath.system.time_limit import check_time
 _CHUNK = 1 << 14
 # Number of triangles above which instances are not expanded all at once.
 _MANY = 1 << 20
+# Time of the test of a shape, expressed as a number of triangles, without the time of its triangles.
+_SHAPE_COST = 1000
 # Distance, as a fraction of the scene's size, below which the camera is on a surface.
 _TOUCHING = 1e-6
 
@@ -309,11 +311,23 @@ def enclosing(scene: Scene, point: Float64) -> NDArray[np.int64]:
 
     For triangles this is the winding number.
     """
-    around = enclosing_spheres(scene, point)
+    return enclosing_with_cost(scene, point)[0]
+
+
+def enclosing_with_cost(scene: Scene, point: Float64) -> tuple[NDArray[np.int64], int]:
+    """Return `enclosing` and its cost.
+
+    The cost is the number of tested triangles and instances, plus `_SHAPE_COST` for each shape.
+    """
+    around, cost = enclosing_spheres(scene, point), 0
     for index, triangles in _about(scene, point):
-        turns = sum(winding_number(part, point) for part in triangles)
+        turns = 0.0
+        cost += _SHAPE_COST + scene.shapes[index].world_from_object.shape[0]
+        for part in triangles:
+            turns += winding_number(part, point)
+            cost += len(part)
         around[index] = round(turns) if abs(turns - round(turns)) < 1e-3 else 0
-    return around
+    return around, cost
 
 
 def enclosing_spheres(scene: Scene, point: Float64) -> NDArray[np.int64]:

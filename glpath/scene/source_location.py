@@ -79,7 +79,16 @@ def shown(value: object, depth: int = 0) -> str:
     """Return `value` in the syntax of a scene file, shortened if it is long or nested deeply.
 
     depth : number of lists and tables that contain the value
+
+    A value whose text raises an error is shown as an object of its type.
     """
+    try:
+        return _shown(value, depth)
+    except Exception:  # methods of the value, such as `__str__` and `items`, may raise any error
+        return short_repr(value)
+
+
+def _shown(value: object, depth: int) -> str:
     import numpy as np
 
     if depth > _DEEPEST:

@@ -57,8 +57,13 @@ def short_repr(value: object) -> str:
     try:
         text = _Shortened().repr(value)
     except Exception:  # `repr` of an element may raise any error
-        text = f"an object of the type {type(value).__name__}"
+        text = f"an object of the type {_class_name(type(value))}"
     return " ".join(text.split())
+
+
+def _class_name(kind: type) -> str:
+    """Return the name of a class, even if its metaclass defines another `__name__`, which may raise any error."""
+    return str(type.__dict__["__name__"].__get__(kind))
 
 
 def check_count(name: str, value: object, low: int, high: int) -> None:
@@ -73,6 +78,53 @@ def check_word(name: str, word: object, allowed: Sequence[str]) -> None:
         raise UsageError(f"{name}: {short_repr(word)}; allowed are {', '.join(allowed)}")
 
 
+def check_array(
+    name: str,
+    values: Any,
+    shape: tuple[int | None, ...],
+    allowed: tuple[float, float],
+    *,
+    may_lack: bool = False,
+    whole: bool = False,
+) -> Any:
+    """Return an array as float64, or int64 if `whole`. Raises UsageError that names the first wrong number.
+
+    name     : name of the argument
+    shape    : needed shape; None stands for any length
+    allowed  : smallest and largest number
+    may_lack : True if numbers may be NaN
+    whole    : True if the numbers must be integers
+    """
+    import numpy as np
+
+    if not is_numbers(values) or (whole and np.asarray(values).dtype.kind not in "iu"):
+        kind = "whole numbers" if whole else "numbers"
+        raise UsageError(f"{name}: {short_repr(values)} where an array of {kind} is needed")
+    found = np.asarray(values)
+    if len(found.shape) != len(shape) or any(
+        n not in (None, size) for n, size in zip(shape, found.shape, strict=True)
+    ):
+        needed = ", ".join("N" if n is None else str(n) for n in shape) + "," * (len(shape) == 1)
+        raise UsageError(
+            f"{name}: of shape {found.shape} where ({needed}) is needed",
+            "Give an array of this shape; the other arguments must fit it, too.",
+        )
+    found = found.astype(np.int64 if whole else np.float64, copy=False)
+    low, high = allowed
+    right = (found >= low) & (found <= high)
+    if may_lack:
+        right |= np.isnan(found)
+    if not right.all():
+        at = np.unravel_index(int(np.argmin(right)), found.shape)
+        position = ", ".join(map(str, map(int, at)))
+        numbers = "whole numbers" if whole else "NaN and numbers" if may_lack else "finite numbers"
+        raise UsageError(
+            f"{name}[{position}]: {found[at]:g} where {numbers} from {low:g} to {high:g} are allowed",
+            "Correct the number, or leave its row out.",
+        )
+    return found
+
+
 def checked(function: Function, namespace: Mapping[str, Any] | None = None) -> Function:
     """Return the function with checks of its arguments; for a class, check all public methods and return the class.
 
@@ -80,7 +132,8 @@ def checked(function: Function, namespace: Mapping[str, Any] | None = None) -> F
 
     The wrapper raises UsageError for an argument whose type the annotation does not allow, and for an integer of
     more than 64 bits in any argument. NumPy's integers and bools are passed on as int and bool, and other real
-    numbers as float.
+    numbers as float. Objects of subclasses of int, float and str are passed on as int, float and str, because the
+    text of a subclass may raise an error in a message.
     """
     if isinstance(function, type):
         for name, member in list(vars(function).items()):
@@ -155,7 +208,8 @@ class _Parameters(NamedTuple):
     def check(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Raise UsageError for wrong arguments; return arguments that must be converted, by name.
 
-        NumPy's bools and integers are converted to bool and int, other real numbers to float.
+        NumPy's bools and integers are converted to bool and int, other real numbers to float. Objects of other
+        subclasses of int, float and str are converted to the class itself.
         """
         if _large_integer(given.values()) is not None:
             for name, value in given.items():
@@ -168,13 +222,12 @@ class _Parameters(NamedTuple):
         for name, value in given.items():
             if (name, type(value)) in self.plain or name not in self.types:
                 continue
-            for each in self.types[name]:
-                if each.accepts(value):
-                    break
-            else:
+            if not any(_accepts(each, value) for each in self.types[name]):
                 raise _wrong(name, value, [each.needed for each in self.types[name]])
             if type(value).__module__ == "numpy" and (_is_flag(value) or _is_whole(value)):
                 converted[name] = value.item()
+            elif (plain := _without_subclass(value)) is not value:
+                converted[name] = plain
             elif not isinstance(value, int | float) and isinstance(value, Real):
                 try:
                     converted[name] = float(value)
@@ -185,18 +238,38 @@ class _Parameters(NamedTuple):
 
 def _wrong(name: str, value: object, needed: Sequence[str]) -> UsageError:
     """Return the error for an argument of a wrong type."""
-    remedy = ""
-    if isinstance(value, str) and "a Film" in needed:
+    remedy, kind = "", type(value)
+    if issubclass(kind, str) and "a Film" in needed:
         remedy = "glpath.Film.load reads a film from its file."
-    elif isinstance(value, str) and any("number" in each for each in needed):
+    elif issubclass(kind, str) and any("number" in each for each in needed):
         remedy = "Write numbers without quotation marks."
-    elif isinstance(value, dict) and "a Camera" in needed:
+    elif issubclass(kind, dict) and "a Camera" in needed:
         remedy = "Fields of a camera are arguments of their own: with_camera(position=(0, 1, 5))."
-    elif isinstance(value, bytes) and _PATH in needed:
+    elif issubclass(kind, bytes) and _PATH in needed:
         remedy = "os.fsdecode makes text of bytes."
     first = [each for each in dict.fromkeys(needed) if each != "None"]
     allowed = " or ".join([*first, *["None"] * ("None" in needed)])
     return UsageError(f"{name}: {short_repr(value)} where {allowed} is needed", remedy)
+
+
+def _accepts(allowed: _Type, value: object) -> bool:
+    """Return True if the type allows the value; False if the value raises an error when it is examined."""
+    try:
+        return allowed.accepts(value)
+    except Exception:  # attributes of an object may raise any error, even `__class__`
+        return False
+
+
+def _without_subclass(value: Any) -> Any:
+    """Return an object of a subclass of int, float or str as int, float or str; other objects are unchanged.
+
+    NumPy's classes are unchanged.
+    """
+    if type(value).__module__ != "numpy":
+        for kind, convert in ((str, str.__str__), (int, int.__int__), (float, float.__float__)):
+            if issubclass(type(value), kind) and type(value) not in (kind, bool):
+                return convert(value)
+    return value
 
 
 def _large_integer(values: Iterable[Any]) -> int | None:
@@ -219,7 +292,7 @@ def _large_integer(values: Iterable[Any]) -> int | None:
                 nested += [each for each in level if type(each) is kind]
             elif issubclass(kind, dict):
                 nested += [part for each in level if type(each) is kind for part in (each, each.values())]
-            elif kind.__name__ == "ndarray":
+            elif _class_name(kind) == "ndarray":
                 nested += [each.ravel() for each in level if _is_array(each) and each.dtype.kind == "O"]
         if not nested:
             return None
@@ -250,6 +323,11 @@ def _is_flag_or_duration(value: object) -> bool:
     return isinstance(value, bool) or type(value).__name__ == "timedelta64"
 
 
+def _is_time(value: object) -> bool:
+    """Return True for numpy's timedelta64 and datetime64, which numpy converts to numbers."""
+    return type(value).__name__ in ("timedelta64", "datetime64")
+
+
 def _is_path(value: object) -> bool:
     try:
         text = os.fspath(value) if isinstance(value, str | os.PathLike) else b""
@@ -273,7 +351,7 @@ def _is_list(value: Any) -> bool:
     return _is_array(value) and value.ndim > 0
 
 
-def _is_numbers(value: Any) -> bool:
+def is_numbers(value: Any) -> bool:
     """Return True for a number, an array of numbers, nested lists of numbers, or an object that numpy converts."""
     if _is_array(value) and value.dtype.kind in "fiub":  # most arrays
         return True
@@ -283,6 +361,8 @@ def _is_numbers(value: Any) -> bool:
         try:
             value = np.asarray(value)
             if value.dtype.kind == "O":
+                if any(isinstance(each, str | bytes) or _is_time(each) for each in value.flat):
+                    return False
                 value = value.astype(np.float64)
         except Exception:  # elements may raise any error
             return False
@@ -311,7 +391,7 @@ _NAMED: Mapping[str, _Type] = {
     "Mapping": _Type(_is_names, "a dictionary whose keys are text"),
     "Iterable": _Type(_is_iterable, "a list"),
     "labels": _Type(lambda value: _is_list(value) or hasattr(value, "__array__"), "an array of labels"),
-    "ArrayLike": _Type(_is_numbers, "an array of numbers"),
+    "ArrayLike": _Type(is_numbers, "an array of numbers"),
 }
 
 

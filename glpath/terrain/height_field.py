@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneError, UsageError
-from glpath.system.arguments import checked
+from glpath.system.arguments import checked, checked_fields, short_repr
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -25,6 +25,7 @@ _COARSEST = 1e9
 
 
 @checked
+@checked_fields
 @dataclass(frozen=True, eq=False)
 class HeightField:
     """Heights above a plane at the samples of a regular grid; x is east, y is north, z is up.
@@ -37,6 +38,8 @@ class HeightField:
 
     Each cell of four samples has two triangles, divided from its north-western to its south-eastern sample. A
     triangle is missing if one of its samples is missing. The terrain ends at the field's border.
+
+    Raises SceneError for other shapes, heights beyond 1e5, and a spacing or an origin out of range.
     """
 
     heights: Float32
@@ -44,6 +47,33 @@ class HeightField:
     origin: tuple[float, float] = (0.0, 0.0)
     source: str = "height field"
     crs: str = field(default="", repr=False)
+
+    def __post_init__(self) -> None:
+        values = _as_heights(self.heights, self.source)
+        if np.isnan(values).all():
+            raise SceneError(f"{self.source}: has no height at all: every sample is missing.")
+        extreme = np.abs(values) > _HIGHEST
+        if extreme.any():
+            at = np.argwhere(extreme)[0]
+            raise SceneError(
+                f"{self.source}: the height at row {at[0]}, column {at[1]} is {values[at[0], at[1]]:g}, but may be "
+                f"{_HIGHEST:g} at most.",
+                "Does it stand for no data? Give a mask, or NaN there.",
+            )
+        apart = [float(each) for each in self.spacing]
+        if len(apart) != 2 or not all(_FINEST <= each <= _COARSEST for each in apart):
+            raise SceneError(
+                f"{self.source}: has a spacing of {short_repr(self.spacing)}, but needs one number above 0, or "
+                f"two, from {_FINEST:g} to {_COARSEST:g}."
+            )
+        at_corner = [float(each) for each in self.origin]
+        if len(at_corner) != 2 or not all(map(math.isfinite, at_corner)):
+            raise SceneError(
+                f"{self.source}: has the origin {short_repr(self.origin)}, but needs two finite numbers, x and y."
+            )
+        object.__setattr__(self, "heights", np.ascontiguousarray(values))
+        object.__setattr__(self, "spacing", (apart[0], apart[1]))
+        object.__setattr__(self, "origin", (at_corner[0], at_corner[1]))
 
     @classmethod
     def of(
@@ -64,15 +94,7 @@ class HeightField:
         mask    : (R, C) bool, True if the sample has a height
         holes   : True if samples may be missing; missing samples cast no shadow, and their results are NaN
         """
-        try:
-            given = np.ma.getdata(heights) if np.ma.isMaskedArray(heights) else np.asarray(heights)
-            values = given.astype(np.float32)
-        except (TypeError, ValueError, OverflowError):
-            raise SceneError(f"{source}: heights are no array of numbers.") from None
-        if values.ndim != 2 or min(values.shape) < 2 or np.iscomplexobj(given):
-            raise SceneError(
-                f"{source}: has heights of shape {np.shape(given)}, but needs (rows, columns) of 2 x 2 at least."
-            )
+        values = _as_heights(np.ma.getdata(heights) if np.ma.isMaskedArray(heights) else heights, source, copy=True)
         if np.ma.isMaskedArray(heights):
             values[np.ma.getmaskarray(heights)] = np.nan
         if mask is not None:
@@ -85,39 +107,15 @@ class HeightField:
                 )
             values[~there] = np.nan
         missing = int(np.count_nonzero(np.isnan(values)))
-        if missing == values.size:
-            raise SceneError(f"{source}: has no height at all: every sample is missing.")
-        if missing and not holes:
+        if missing and missing < values.size and not holes:
             at = np.argwhere(np.isnan(values))[0]
             raise SceneError(
                 f"{source}: {missing:,} of {values.size:,} heights are missing, the first at row {at[0]}, column "
                 f"{at[1]}.",
                 "Fill them, or say holes=True: holes shadow nothing, and get no result.",
             )
-        extreme = np.abs(values) > _HIGHEST
-        if extreme.any():
-            at = np.argwhere(extreme)[0]
-            raise SceneError(
-                f"{source}: the height at row {at[0]}, column {at[1]} is {values[at[0], at[1]]:g}, but may be "
-                f"{_HIGHEST:g} at most.",
-                "Does it stand for no data? Give a mask, or NaN there.",
-            )
         apart = tuple(spacing) if isinstance(spacing, Iterable) else (spacing, spacing)
-        if len(apart) != 2 or not all(_FINEST <= each <= _COARSEST for each in apart):
-            raise SceneError(
-                f"{source}: has a spacing of {spacing}, but needs one number above 0, or two, from {_FINEST:g} to "
-                f"{_COARSEST:g}."
-            )
-        at_corner = tuple(float(each) for each in origin)
-        if len(at_corner) != 2 or not all(map(math.isfinite, at_corner)):
-            raise SceneError(f"{source}: has the origin {origin}, but needs two finite numbers, x and y.")
-        return cls(
-            np.ascontiguousarray(values),
-            (float(apart[0]), float(apart[1])),
-            (at_corner[0], at_corner[1]),
-            source,
-            crs,
-        )
+        return cls(values, apart, origin, source, crs)  # type: ignore[arg-type] # the constructor checks the length
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -201,3 +199,21 @@ class HeightField:
             np.negative(np.nan_to_num(slope, copy=False), out=result[..., component])
         result /= np.linalg.norm(result, axis=2, keepdims=True)
         return result
+
+
+def _as_heights(heights: ArrayLike, source: str, copy: bool = False) -> Float32:
+    """Return heights as float32. Raises SceneError unless they are an array (R, C) of numbers, 2 x 2 at least.
+
+    copy : True to return a new array in any case
+    """
+    try:
+        given = np.asarray(heights)
+        with np.errstate(over="ignore"):  # an infinite height is reported with its position
+            values = given.astype(np.float32, copy=copy)
+    except (TypeError, ValueError, OverflowError):
+        raise SceneError(f"{source}: heights are no array of numbers.") from None
+    if values.ndim != 2 or min(values.shape) < 2 or np.iscomplexobj(given):
+        raise SceneError(
+            f"{source}: has heights of shape {np.shape(given)}, but needs (rows, columns) of 2 x 2 at least."
+        )
+    return values

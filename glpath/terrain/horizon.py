@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError, warn
 from glpath.scene.geometry import LARGEST
-from glpath.system.arguments import checked
+from glpath.system.arguments import check_array, checked, checked_fields, short_repr
 from glpath.system.frames import data_set
 from glpath.system.machine import core_count
 from glpath.system.reporting import ProgressEvent
@@ -44,9 +44,12 @@ AZIMUTHS = 64
 _CHUNK = 1 << 13
 #: Number of samples that a thread sums in one task.
 _PART = 1 << 18
+#: Maximum length of a normal. Rounding may make a unit normal slightly longer or shorter than 1.
+_UNIT = 1.001
 
 
 @checked
+@checked_fields
 @dataclass(frozen=True, eq=False)
 class Horizon:
     """Receivers on or over a height field, with methods for the visible part of sky and sun.
@@ -59,6 +62,8 @@ class Horizon:
     report   : function that gets a `ProgressEvent` at intervals
 
     Results are arrays (R, C) for samples, (N,) for points; NaN in holes and at points below ground.
+
+    Raises UsageError for arrays of other shapes, and for values out of range.
     """
 
     field: HeightField
@@ -67,6 +72,31 @@ class Horizon:
     azimuths: int = AZIMUTHS
     height: float = 0.0
     report: Report | None = None
+
+    def __post_init__(self) -> None:
+        _check_settings(self.azimuths, self.height)
+        if self.points is None:
+            count = math.prod(self.field.shape)
+        else:
+            points = check_array("points", self.points, (None, 3), (-LARGEST, LARGEST), may_lack=True)
+            if np.isnan(points[:, :2]).any():
+                first = int(np.flatnonzero(np.isnan(points[:, :2]).any(axis=1))[0])
+                raise UsageError(
+                    f"points[{first}]: {points[first].tolist()} where finite x and y are needed",
+                    "Only z may be NaN, of points below ground.",
+                )
+            object.__setattr__(self, "points", points)
+            count = len(points)
+        rows = 1 if np.shape(self.normals)[:1] == (1,) else count
+        normals = check_array("normals", self.normals, (rows, 3), (-_UNIT, _UNIT)).astype(np.float32)
+        wrong = ~(np.abs(np.linalg.norm(normals, axis=1) - 1) <= _UNIT - 1)
+        if wrong.any():
+            first = int(np.flatnonzero(wrong)[0])
+            raise UsageError(
+                f"normals[{first}]: {normals[first].tolist()} where a vector of length 1 is needed",
+                "Divide each normal by its length, or call glpath.horizon.",
+            )
+        object.__setattr__(self, "normals", normals)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -313,12 +343,19 @@ def horizon(
     0.5
     """
     terrain = load_height_field(field, spacing=spacing, holes=holes)
-    if not isinstance(azimuths, int) or not 8 <= azimuths <= 720:
-        raise UsageError(f"azimuths: {azimuths}, but 8 to 720 are possible.")
-    if not 0 <= height <= LARGEST:
-        raise UsageError(f"height: {height}, but 0 to {LARGEST:g}, in the unit of the heights, is needed.")
+    _check_settings(azimuths, height)
     at = None if points is None else _points(points, terrain, height)
     return Horizon(terrain, at, _facing(normals, terrain, at), azimuths, float(height), on_progress)
+
+
+def _check_settings(azimuths: int, height: float) -> None:
+    """Raise UsageError for a number of azimuths or a height out of range."""
+    if not 8 <= azimuths <= 720:
+        raise UsageError(f"azimuths: {short_repr(azimuths)}, but 8 to 720 are possible.")
+    if not 0 <= height <= LARGEST:
+        raise UsageError(
+            f"height: {short_repr(height)}, but 0 to {LARGEST:g}, in the unit of the heights, is needed."
+        )
 
 
 def _points(points: ArrayLike, terrain: HeightField, height: float) -> Float64:

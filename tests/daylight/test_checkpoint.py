@@ -46,14 +46,25 @@ def test_folder_with_other_files_is_refused_before_the_work(tmp_path: Path) -> N
         (folder / "1-of-4.npz").touch()
         (folder / name).touch()
         with pytest.raises(ImageError, match=r"has .*; the folder of a cluster's shards has only files K-of-"):
-            KeptShards(folder, "work", 4)
+            KeptShards(folder, "work", 4, 9)
         assert len(list(folder.iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    "name", ["0-of-4", "5-of-4", "0-of-0", "01-of-4", "1-of-04", "1-of-9", f"1-of-{10**100}", f"{10**100}-of-4"]
+)
+def test_numbers_of_shards_out_of_range_are_refused(name: str, tmp_path: Path) -> None:
+    (tmp_path / f"{name}.npz").touch()
+    with pytest.raises(ImageError, match=r"has .*-of-.*; .* K-of-") as error:
+        KeptShards(tmp_path, "work", 4, 8)
+    assert "Move the file elsewhere" in str(error.value)
+    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_temporary_file_of_a_killed_process_is_removed_from_the_folder(tmp_path: Path) -> None:
     for name in (".1-of-4.0123abcd.part.npz", "2-of-4.npz"):
         (tmp_path / name).touch()
-    assert KeptShards(tmp_path, "work", 3).count == 4
+    assert KeptShards(tmp_path, "work", 3, 9).count == 4
     assert [path.name for path in tmp_path.iterdir()] == ["2-of-4.npz"]
 
 

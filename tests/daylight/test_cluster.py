@@ -181,7 +181,7 @@ def test_what_fails_everywhere_ends_it_and_the_rest_is_kept(tmp_path: Path) -> N
     with pytest.raises(ContextError, match="shard 2 of 2 failed 3 times: no device"):
         played({1: [one], 2: [ContextError("no device")] * 3}, tmp_path / "kept")
     assert one.shard is not None
-    kept = KeptShards(tmp_path / "kept", one.shard.work, 7)
+    kept = KeptShards(tmp_path / "kept", one.shard.work, 7, 9)
     assert kept.count == 2
     assert list(kept.read()) == [1]
     with pytest.raises(UsageError, match="a mistake"):

@@ -170,3 +170,30 @@ def test_name_that_utf_8_cannot_encode_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ImageError, match="UTF-8"):
         found.to_glb(tmp_path / "a.glb", np.ones(len(found)), quantity="\ud800")
     assert not list(tmp_path.iterdir())
+
+
+CORNERS = np.array([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]])
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"corners": np.zeros((1, 3, 3))}, r"corners: of shape \(1, 3, 3\) where \(N, 4, 3\)"),
+        ({"corners": "x"}, "corners: 'x' where an array of numbers"),
+        ({"corners": CORNERS * np.nan}, r"corners\[0, 0, 0\]: nan where finite numbers"),
+        ({"corners": CORNERS * 1e40}, r"corners\[0, 1, 0\]: 1e\+40"),
+        ({"corners": CORNERS.astype("m8[s]")}, "corners: "),
+        ({"shape": [0, 0]}, r"shape: of shape \(2,\) where \(1,\)"),
+        ({"shape": [0.5]}, r"shape: \[0.5\] where an array of whole numbers"),
+        ({"shape": [-1]}, r"shape\[0\]: -1 where whole numbers from 0 to 0"),
+        ({"shape": [1]}, r"shape\[0\]: 1 "),
+        ({"shape_names": ()}, r"shape\[0\]: 0 "),
+        ({"shape_names": 3}, "shape_names: 3 "),
+        ({"shape_names": (3,)}, "shape_names: "),
+    ],
+)
+def test_arrays_that_are_no_texels_are_refused(values: dict[str, Any], words: str) -> None:
+    right = {"corners": CORNERS, "shape": np.zeros(1, np.int32), "shape_names": ("a",)}
+    assert len(Texels(**right)) == 1
+    with pytest.raises(UsageError, match=words):
+        Texels(**{**right, **values})

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from glpath.cli import scenes
 from glpath.errors import SceneError
 from glpath.io import load_scene, scene_from_dict
-from glpath.scene import Camera, Scene, check_camera, check_scene, model, path_traceable, sight
+from glpath.scene import Camera, Scene, check, check_camera, check_scene, model, path_traceable, sight
 from glpath.scene.sight import sees_anything, sees_triangles
 
 CAMERA = Camera(np.array([0.0, 0, 5]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (64, 48))
@@ -107,6 +107,22 @@ def test_a_light_inside_a_closed_shape_is_warned_of(shape: dict, flip: bool, spo
     assert f'The light "lamp" stands inside the shape "{shape["name"]}", which keeps it from everything' in warning
     # Who is inside as well sees it shine.
     assert warnings_of(turned, GROUND, eye=(0.2, 0.1, 0), target=(0.3, 0.3, 0), lights=[inside]) == []
+
+
+def test_many_lights_inside_many_shapes_are_tested_for_a_limited_time(monkeypatch: pytest.MonkeyPatch):
+    boxes = [{**BOX, "name": f"box-{i}", "min": [-1 - 0.01 * i] * 3, "max": [1 + 0.01 * i] * 3} for i in range(10)]
+    lamps = [{**LAMP, "name": f"lamp-{i}", "position": [0.01 * i, 0, 0]} for i in range(20)]
+    found = warnings_of(*boxes, GROUND, lights=lamps)
+    assert len(found) == 20
+    assert 'The light "lamp-0" stands inside the shape "box-0" (and 9 more shapes), which keeps' in found[0]
+    tests: list[int] = []
+    winding_number = sight.winding_number
+    monkeypatch.setattr(sight, "winding_number", lambda *given: (tests.append(1), winding_number(*given))[1])
+    monkeypatch.setattr(check, "_MAX_COST", 25_000)
+    assert len(warnings_of(*boxes, GROUND, lights=lamps)) == 3
+    assert len(tests) == 3 * len(boxes)
+    # The camera is inside, too. The other lights might be in any of the boxes, so there is no warning.
+    assert warnings_of(*boxes, eye=(0.5, 0.5, 0.5), lights=lamps) == []
 
 
 def test_a_light_beside_a_closed_shape_is_outside_of_it():

@@ -20,9 +20,10 @@ import glpath
 from glpath.compare import relative_mse
 from glpath.errors import GlpathError, UsageError
 from glpath.rendering import run_options
-from glpath.rendering.options import options
+from glpath.rendering.options import numbers, options
 from glpath.rendering.points import Irradiance
 from glpath.scene import Scene
+from glpath.scene.source_location import shown
 from glpath.system.arguments import checked, short_repr, types_of
 
 # Integer that Python refuses to write in decimal.
@@ -398,6 +399,75 @@ def test_the_text_of_a_value_that_cannot_be_written_names_its_type() -> None:
     assert "Broken" in short_repr(Broken())
     assert "Broken" in short_repr([Broken()])
     assert short_repr(unlisted([1])) == "an object of the type list"
+
+
+def _no_text(*_: object) -> str:
+    raise RuntimeError("no text")
+
+
+_TEXTS = dict.fromkeys(("__repr__", "__str__", "__format__"), _no_text)
+_METACLASS = type("Metaclass", (type,), {"__name__": property(_no_text), "__repr__": _no_text})
+#: Objects that raise an error when they are written or examined, by the annotation of an argument.
+TEXTLESS: dict[str, Callable[[], Any]] = {
+    "number": lambda: type("Number", (int,), _TEXTS)(77),
+    "negative number": lambda: type("Number", (int,), _TEXTS)(-3),
+    "fraction": lambda: type("Number", (float,), _TEXTS)(0.5),
+    "text": lambda: type("Text", (str,), _TEXTS)("eglx"),
+    "object": lambda: type("Thing", (), _TEXTS)(),
+    "text that is no text": lambda: type("Thing", (), {"__repr__": lambda _: 3})(),
+    "class without a name": lambda: _METACLASS("Thing", (), {})(),
+    "class that cannot be read": lambda: type("Thing", (), {"__class__": property(_no_text)})(),
+}
+
+
+@pytest.mark.parametrize("value", TEXTLESS)
+@pytest.mark.parametrize("name", ["device", "backend", "require_gpu"])
+def test_a_context_refuses_values_without_a_text(name: str, value: str) -> None:
+    from glpath.gl.context import open_context
+
+    with pytest.raises(GlpathError) as error:
+        open_context(**{"backend": "osmesa" if name == "device" else "auto", name: TEXTLESS[value]()})
+    assert len(str(error.value)) < 500
+
+
+def test_an_object_of_a_subclass_is_passed_on_as_its_base_class() -> None:
+    @checked
+    def call(count: int, size: float, name: str, path: str | Path) -> tuple[type, ...]:
+        return type(count), type(size), type(name), type(path)
+
+    number, size, text = (type("Sub", (base,), _TEXTS) for base in (int, float, str))
+    assert call(number(3), size(0.5), text("a"), text("b")) == (int, float, str, str)
+    assert call(number(3), number(3), text("a"), Path("b")) == (int, int, str, type(Path("b")))
+
+
+@pytest.mark.parametrize("value", TEXTLESS)
+def test_a_value_without_a_text_is_shown_by_its_type(value: str) -> None:
+    assert len(shown({"a": [TEXTLESS[value]()]})) < 100
+    assert len(short_repr([TEXTLESS[value]()])) < 100
+    if value != "class that cannot be read":
+        with pytest.raises(GlpathError):
+            glpath.load_scene({"camera": {"fov": TEXTLESS[value](), "position": 3}})
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        SECOND, np.datetime64("2026-01-01"), [SECOND], np.array(SECOND), np.array([SECOND], object),
+        np.array([np.datetime64("2026-01-01")], object), ["3"], np.array(["3"], object), b"3", None, 1j,
+    ],
+    ids=short_repr,
+)  # fmt: skip
+def test_an_option_refuses_durations_dates_and_texts_as_numbers(value: Any) -> None:
+    with pytest.raises(UsageError, match=r"^noise: .* where a finite number is needed"):
+        numbers("noise", value, 1)
+    if value is not None and value != b"3":
+        with pytest.raises(UsageError, match=r"^(noise|points): "):
+            glpath.irradiance(BOX, [[value, 0, 0]], [UP])  # type: ignore[list-item]
+
+
+def test_an_option_takes_numbers_of_all_kinds() -> None:
+    for value in (3, 3.0, [3], (np.float32(3),), np.int8(3), Fraction(3), np.array([Fraction(3)]), range(3, 4)):
+        assert numbers("noise", value, 1).tolist() == [3.0]
 
 
 def _identity(value: float) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import glpath
 from glpath import HeightField, UsageError, horizon
-from glpath.terrain.horizon import AZIMUTHS
+from glpath.terrain.horizon import AZIMUTHS, Horizon
 from glpath.terrain.sweep import horizon_tangents, lattice_directions
 from tests.support.terrain_witness import march, rough
 
@@ -280,3 +280,33 @@ def test_azimuth_that_is_not_finite_is_refused(azimuth: Any) -> None:
 def test_results_that_are_no_array_are_refused() -> None:
     with pytest.raises(UsageError, match=r"hours is of shape \(2,\)"):
         horizon(FLAT).to_xarray(hours=[[1, 2], [3]])
+
+
+POINT = np.array([[1.0, -1.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"field": 3}, "field: 3"),
+        ({"points": [1.0, 2.0, 3.0]}, r"points: of shape \(3,\) where \(N, 3\)"),
+        ({"points": POINT + np.inf}, r"points\[0, 0\]: inf"),
+        ({"points": [[np.nan, 0.0, 0.0]]}, r"points\[0\]: .* finite x and y"),
+        ({"points": "x"}, "points: 'x'"),
+        ({"normals": [0.0, 0.0, 1.0]}, r"normals: of shape \(3,\)"),
+        ({"normals": [[0.0, 0.0, 1.0]] * 2}, r"normals: of shape \(2, 3\) where \(1, 3\)"),
+        ({"normals": [[0.0, 0.0, 0.5]]}, r"normals\[0\]: .* length 1"),
+        ({"normals": [[0.0, 0.0, np.nan]]}, r"normals\[0, 2\]: nan"),
+        ({"normals": None}, "normals: None"),
+        ({"azimuths": 4}, "azimuths: 4"),
+        ({"azimuths": 10**9}, "azimuths: 1000000000"),
+        ({"height": -1.0}, "height: -1.0"),
+        ({"height": np.nan}, "height: nan"),
+        ({"report": 3}, "report: 3"),
+    ],
+)
+def test_horizons_refuse_wrong_fields(values: dict[str, Any], words: str) -> None:
+    right = {"field": HeightField.of(FLAT), "points": POINT, "normals": [[0.0, 0.0, 1.0]]}
+    assert Horizon(**right).shape == (1,)
+    with pytest.raises(UsageError, match=words):
+        Horizon(**{**right, **values})

@@ -68,7 +68,7 @@ def test_heights_between_samples_are_those_of_the_triangles() -> None:
         ([[0.0, np.nan], [0.0, 0.0]], {}, "1 of 4 heights are missing, the first at row 0, column 1"),
         (np.full((2, 2), np.nan), {"holes": True}, "no height at all"),
         ([[0.0, 3.4e38], [0.0, 0.0]], {}, "Does it stand for no data"),
-        (np.zeros((2, 2)), {"spacing": 0.0}, "a spacing of 0.0"),
+        (np.zeros((2, 2)), {"spacing": 0.0}, r"a spacing of \(0.0, 0.0\)"),
         (np.zeros((2, 2)), {"spacing": (1.0, -1.0)}, "needs one number above 0, or two"),
         (np.zeros((2, 2)), {"origin": (np.inf, 0.0)}, "two finite numbers"),
         (np.zeros((2, 2)), {"mask": np.ones((2, 3), bool)}, r"a mask of shape \(2, 3\)"),
@@ -77,6 +77,31 @@ def test_heights_between_samples_are_those_of_the_triangles() -> None:
 def test_arrays_that_are_no_height_field(heights: Any, options: dict[str, Any], words: str) -> None:
     with pytest.raises(glpath.SceneError, match=words):
         HeightField.of(heights, **options)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"heights": np.zeros(4)}, r"heights of shape \(4,\)"),
+        ({"heights": "x"}, "heights: 'x'"),
+        ({"heights": np.zeros((1, 4))}, "2 x 2 at least"),
+        ({"heights": np.full((2, 2), np.nan)}, "no height at all"),
+        ({"heights": np.full((2, 2), np.inf)}, "row 0, column 0 is inf"),
+        ({"heights": np.full((2, 2), 1e300)}, "row 0, column 0 is inf"),
+        ({"spacing": (0.0, 1.0)}, "a spacing of"),
+        ({"spacing": (1.0,)}, "spacing: "),
+        ({"spacing": (1.0, np.nan)}, "a spacing of"),
+        ({"spacing": "x"}, "spacing: 'x'"),
+        ({"origin": (np.inf, 0.0)}, "two finite numbers"),
+        ({"source": 3}, "source: 3"),
+        ({"crs": None}, "crs: None"),
+    ],
+)
+def test_a_height_field_refuses_wrong_fields(values: dict[str, Any], words: str) -> None:
+    right = {"heights": np.zeros((2, 2)), "spacing": (1.0, 1.0)}
+    assert HeightField(**right).heights.dtype == np.float32
+    with pytest.raises(glpath.GlpathError, match=words):
+        HeightField(**{**right, **values})
 
 
 def test_files_that_are_no_height_field(tmp_path: Path) -> None:

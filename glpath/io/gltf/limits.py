@@ -35,6 +35,11 @@ MAX_TRIANGLES_RATIO = 64
 ALWAYS_INSTANCES = 2**20
 #: Maximum number of instances of primitives by nodes per byte of the file, for models that exceed ALWAYS_INSTANCES.
 MAX_INSTANCES_RATIO = 1
+#: Number of meshes with a skin or morph weights of a node that every file may have, however small it is. For each
+#: such node, a primitive counts once, and once more for each weighted morph target. Each takes about 1 ms.
+ALWAYS_DEFORMED = 2**13
+#: Number of bytes of the file per deformed mesh, for models that exceed ALWAYS_DEFORMED.
+BYTES_PER_DEFORMED = 256
 MAX_TEXTURE_SIDE = 16384
 MAX_TEXTURE_PIXELS = 2**26
 #: Maximum number of characters of a name; longer names are cut.

@@ -317,7 +317,7 @@ class _Shapes:
         determinant, size = _stretch(nodes.world[:, :3, :3])
         self._flat = (~(np.abs(determinant) > _FLAT * size)).tolist()
         self._mirrored = (determinant < 0).tolist()
-        self.triangles = self.instances = 0
+        self.triangles = self.instances = self.deformed = 0
         #: Maximum spacing of 32-bit floats at the vertices, and the bounding box of all shapes, world space.
         self.step, self.low, self.high = 0.0, np.full(3, np.inf), np.full(3, -np.inf)
         #: Names of meshes that deform while the shutter is open.
@@ -420,6 +420,17 @@ class _Shapes:
                 "Use fewer nodes, or join the primitives of their meshes.",
             )
 
+    def _count_deformed(self, count: int, node: int) -> None:
+        """Count meshes that are built for one node. Raises SceneError if the total exceeds the limits."""
+        self.deformed += count
+        allowed = max(limits.ALWAYS_DEFORMED, self.document.stored // limits.BYTES_PER_DEFORMED)
+        if self.deformed > allowed:
+            raise self.nodes.tables[node].location.error(
+                f"brings the model to {self.deformed:,} primitives and morph targets that nodes deform by skins "
+                f"and weights of their own, but files of {self.document.stored:,} bytes may have {allowed:,}.",
+                "Use fewer nodes with a skin or weights, or join the primitives of their meshes.",
+            )
+
     def _count(self, triangles: int, node: int) -> None:
         """Count the triangles of a node's instances. Raises SceneError if the total exceeds the limits."""
         self.triangles += triangles
@@ -446,8 +457,12 @@ class _Shapes:
             self.bent.append(name)
         # The joints of a skin give world positions, so glTF ignores the transform of the node with the mesh.
         maps = instances(node, world, self.accessors) if skin is None else np.eye(3, 4)[None]
+        self._count_instances(len(primitives), index)
+        is_deformed = skin is not None or "weights" in node
         for i, primitive in enumerate(primitives):
             check_time()
+            if is_deformed:
+                self._count_deformed(1 + min(len(primitive.tables("targets")), len(weights)), index)
             part = name if len(primitives) == 1 else f"{name}-{i}"
             surface, uv_sets = self._surface(primitive)
             if skin is None:
@@ -607,6 +622,8 @@ class _Shapes:
         material = self.surfaces.surfaces[group.surface].material
         if material.transmission > 0 or material.diffuse_transmission > 0:
             return True
+        if material.alpha == "opaque":
+            return False
         alpha = 1.0
         if material.texture is not None:
             image = self.surfaces.textures[material.texture.texture].image

@@ -272,14 +272,17 @@ class Surfaces:
                 self.document.notes.add(f"{name}: the factor holds for the whole surface.")
 
     def _share(self, table: Table, name: str, default: float) -> float:
-        return float(self._clipped(np.array(table.number(name, default))))
+        value = table.number(name, default)
+        return value if 0 <= value <= 1 else float(self._clipped(np.array(value)))
 
     def _shares(self, table: Table, name: str, default: tuple[float, ...]) -> Float64:
         return self._clipped(table.numbers(name, default))
 
     def _clipped(self, values: Float64) -> Float64:
-        if np.any((values < 0) | (values > 1)):
-            self.document.notes.add("Factors of materials below 0 or above 1: they are clipped.")
+        # Most factors are in range. This comparison is several times faster than those of numpy for a few numbers.
+        if all(0 <= value <= 1 for value in values.ravel().tolist()):
+            return values
+        self.document.notes.add("Factors of materials below 0 or above 1: they are clipped.")
         return np.clip(values, 0.0, 1.0)
 
     def _slot(self, owner: Table, name: str, *, srgb: bool) -> TextureSlot | None:
@@ -373,7 +376,7 @@ def _is_diffuse(metallic: float, layers: Mapping[str, Any]) -> bool:
     these factors.
     """
     specular = layers.get("specular_weight", 1.0)
-    layered = any(np.any(layers.get(layer.strength, 0.0)) for layer in LAYERS.values())
+    layered = bool(layers) and any(np.any(layers.get(layer.strength, 0.0)) for layer in LAYERS.values())
     return not (metallic or specular or layered or layers.get("transmission"))
 
 

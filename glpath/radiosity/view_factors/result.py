@@ -29,7 +29,8 @@ from glpath.radiosity.view_factors.formats import (
     write_text,
 )
 from glpath.radiosity.view_factors.heat_exchange import RadiativeExchange, exchange_of
-from glpath.system.arguments import checked, short_repr
+from glpath.scene.geometry import LARGEST
+from glpath.system.arguments import check_array, checked, short_repr
 from glpath.system.files import whole_file
 from glpath.system.frames import data_frame, data_set
 from glpath.system.npz import open_npz
@@ -41,6 +42,10 @@ FORMAT = 2
 #: Deviation of row sums from 1 up to which a room counts as closed, unless a row's estimated error is larger.
 _OPEN = 0.02
 _ROUNDS = 20
+# Maximum view factor. The estimate for a tiny face beside a large one may exceed 1.
+_MAX_FACTOR = 1000.0
+# Rounding error of factors and shares that are 0.
+_ROUNDING = 1e-6
 
 
 @checked
@@ -66,6 +71,8 @@ class ViewFactors:
     centroids, normals : (N, 3) float64, centroid of each row's faces, and unit normal on their front side. NaN if
                  undefined, for example the normal of a closed group, or if an older version wrote the file
 
+    Raises UsageError for arrays of other shapes, and for values out of range.
+
     >>> import glpath
     >>> cube = [[0,0,0],[1,0,0],[0,1,0],[1,1,0],[0,0,1],[1,0,1],[0,1,1],[1,1,1]]
     >>> walls = [[0,1,3,2],[4,6,7,5],[0,4,5,1],[2,3,7,6],[0,2,6,4],[1,5,7,3]]
@@ -84,12 +91,30 @@ class ViewFactors:
     normals: Float64 = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        for name in ("backs", "backs_error"):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, np.zeros(len(self.areas)))
+        areas = check_array("areas", self.areas, (None,), (0.0, LARGEST**2))
+        found: dict[str, Any] = {"areas": areas, "matrix": _checked_matrix(self.matrix, len(areas))}
+        for name in ("error", "backs", "backs_error"):
+            values = getattr(self, name)
+            if values is None and name != "error":
+                values = np.zeros(len(areas))
+            found[name] = check_array(name, values, (len(areas),), (-_ROUNDING, LARGEST))
         for name in ("centroids", "normals"):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, np.full((len(self.areas), 3), np.nan))
+            values = getattr(self, name)
+            if values is None:
+                values = np.full((len(areas), 3), np.nan)
+            found[name] = check_array(name, values, (len(areas), 3), (-LARGEST, LARGEST), may_lack=True)
+        names = self.names
+        if not isinstance(names, tuple | list) or not all(isinstance(name, str) for name in names):
+            raise UsageError(f"names: {short_repr(names)} where a tuple of texts is needed")
+        if len(names) not in (0, len(areas)):
+            raise UsageError(
+                f"names: {len(names):,} where one for each of {len(areas):,} rows is needed, or none",
+                "Name each row once.",
+            )
+        if not isinstance(self.statistics, Mapping):
+            raise UsageError(f"statistics: {short_repr(self.statistics)} where a dictionary is needed")
+        for name, values in {**found, "names": tuple(names)}.items():
+            object.__setattr__(self, name, values)
 
     def __len__(self) -> int:
         return len(self.areas)
@@ -345,6 +370,36 @@ class ViewFactors:
             f"sky {self.sky.min():.3g} to {self.sky.max():.3g}"
             + (f", backs up to {self.backs.max():.3g}>" if self.backs.any() else ">")
         )
+
+
+def _checked_matrix(matrix: Any, count: int) -> Any:
+    """Return a matrix of view factors in CSR form.
+
+    Raises UsageError for another shape and for factors out of range.
+    """
+    if not sparse.issparse(matrix):
+        raise UsageError(
+            f"matrix: {short_repr(matrix)} where a sparse matrix of scipy is needed",
+            "scipy.sparse.csr_array(matrix) makes one.",
+        )
+    if matrix.shape != (count, count):
+        raise UsageError(
+            f"matrix: of shape {matrix.shape} where ({count}, {count}) is needed",
+            "areas has one number for each row.",
+        )
+    if matrix.dtype.kind not in "fiu":
+        raise UsageError(f"matrix: of type {matrix.dtype} where real numbers are needed")
+    result = sparse.csr_array(matrix, dtype=np.float64)
+    wrong = ~((result.data >= -_ROUNDING) & (result.data <= _MAX_FACTOR))
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        row = int(np.searchsorted(result.indptr, at, side="right")) - 1
+        raise UsageError(
+            f"matrix[{row}, {result.indices[at]}]: {result.data[at]:g} where view factors from 0 to "
+            f"{_MAX_FACTOR:g} are allowed",
+            "A factor is a fraction of the light that leaves a face.",
+        )
+    return result
 
 
 def _closed(exchange: Any, areas: Float64) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import cProfile
 import json
 import os
 import re
@@ -23,6 +24,9 @@ from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.io.gltf.load import read_gltf
 from tests.support.damaged import write_jpeg_of_scans
 from tests.support.gltf_files import Gltf, glb
+
+#: Maximum number of Python calls per material of a file of many materials.
+MAX_CALLS = 450
 
 Change = Callable[[dict[str, Any]], None]
 
@@ -285,6 +289,49 @@ def test_primitives_of_a_small_file_have_a_limited_number_of_instances(
     assert sum(shape.count for shape in read_gltf(path).shapes) == 100
     monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_INSTANCES", 99)
     assert f"nodes[{nodes[-1]}] brings the model to 100 instances of primitives" in str(refused(path))
+
+
+@pytest.mark.parametrize("kind", ["skin", "weights"])
+def test_primitives_that_nodes_deform_are_limited(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = Gltf()
+    joints = file.accessor(np.zeros((3, 4)), "uint16")
+    mesh = file.mesh(WEIGHTS_0=[[1.0, 0, 0, 0]] * 3)
+    primitive = file.json["meshes"][mesh]["primitives"][0]
+    primitive["attributes"]["JOINTS_0"] = joints
+    file.json["meshes"][mesh]["primitives"] *= 10
+    if kind == "weights":
+        primitive["targets"] = [{"POSITION": primitive["attributes"]["POSITION"]}]
+        nodes = [file.node(mesh=mesh, weights=[i]) for i in range(5)]
+    else:
+        file.json["skins"] = [{"joints": [0]} for _ in range(10)]
+        nodes = [file.node(mesh=mesh, skin=i) for i in range(10)]
+    file.add("scenes", nodes=nodes)
+    path = file.write(tmp_path)
+    monkeypatch.setattr("glpath.io.gltf.limits.BYTES_PER_DEFORMED", 2**40)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DEFORMED", 100)
+    read_gltf(path)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DEFORMED", 99)
+    assert f"nodes[{nodes[-1]}] brings the model to 100 primitives and morph targets" in str(refused(path))
+
+
+def test_a_file_of_many_materials_is_read_with_few_calls(tmp_path: Path) -> None:
+    """The number of Python calls per material is constant, and does not depend on the load of the machine."""
+    count, file = 300, Gltf()
+    mesh = file.mesh()
+    primitive = file.json["meshes"][mesh]["primitives"][0]
+    factors = {"baseColorFactor": [0.5, 0.5, 0.5, 1.0], "metallicFactor": 0.0}
+    for _ in range(count):
+        file.add("materials", pbrMetallicRoughness=factors)
+    file.json["meshes"][mesh]["primitives"] = [{**primitive, "material": i} for i in range(count)]
+    file.add("scenes", nodes=[file.node(mesh=mesh)])
+    path = file.write(tmp_path)
+    read_gltf(path)
+    profile = cProfile.Profile()
+    profile.runcall(read_gltf, path)
+    calls = sum(entry.callcount for entry in profile.getstats())
+    assert calls < MAX_CALLS * count
 
 
 def test_errors_list_only_the_first_of_many_names(tmp_path: Path) -> None:

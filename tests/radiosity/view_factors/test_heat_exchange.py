@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -193,3 +194,33 @@ def test_rows_of_an_obj_are_in_the_order_of_its_materials(tmp_path: Path) -> Non
     np.testing.assert_allclose(found.areas, [3.0, 3.5, 1.5])
     assert run("viewfactors", path, "-o", tmp_path / "f.npz").exit_code == 0
     np.testing.assert_array_equal(ViewFactors.load(tmp_path / "f.npz").areas, found.areas)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"matrix": np.eye(2)}, "matrix: .* sparse matrix"),
+        ({"matrix": sparse.csr_array((2, 3))}, r"matrix: of shape \(2, 3\) where \(2, 2\)"),
+        ({"matrix": sparse.csr_array([[0.0, np.nan], [1.0, 0.0]])}, r"matrix\[0, 1\]: nan"),
+        ({"matrix": sparse.csr_array([[0.0, 1.0], [-1.0, 0.0]])}, r"matrix\[1, 0\]: -1 where"),
+        ({"matrix": sparse.csr_array([[0.0, 1e30], [1.0, 0.0]])}, r"matrix\[0, 1\]: 1e\+30"),
+        ({"matrix": sparse.csr_array([[0.0, 1j], [1.0, 0.0]])}, "matrix: of type complex128"),
+        ({"areas": [1.0, -1.0]}, r"areas\[1\]: -1"),
+        ({"areas": [1.0, np.inf]}, r"areas\[1\]: inf"),
+        ({"areas": "x"}, "areas: 'x'"),
+        ({"error": np.zeros(3)}, r"error: of shape \(3,\) where \(2,\)"),
+        ({"error": None}, "error: None"),
+        ({"backs": [0.0, np.nan]}, r"backs\[1\]: nan"),
+        ({"backs_error": [[0.0, 0.0]]}, r"backs_error: of shape \(1, 2\)"),
+        ({"centroids": np.zeros(2)}, r"centroids: of shape \(2,\) where \(2, 3\)"),
+        ({"normals": np.full((2, 3), np.inf)}, r"normals\[0, 0\]: inf"),
+        ({"names": ("a",)}, "names: 1 where one for each of 2 rows"),
+        ({"names": "ab"}, "names: 'ab'"),
+        ({"statistics": 3}, "statistics: 3"),
+    ],
+)
+def test_view_factors_refuse_wrong_fields(values: dict[str, Any], words: str) -> None:
+    right = {"matrix": sparse.csr_array([[0.0, 1.0], [1.0, 0.0]]), "areas": np.ones(2), "error": np.zeros(2)}
+    assert ViewFactors(**right).sky.tolist() == [0.0, 0.0]
+    with pytest.raises(UsageError, match=words):
+        ViewFactors(**{**right, **values})
