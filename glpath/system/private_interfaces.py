@@ -94,7 +94,7 @@ def import_numba() -> Any:
 def import_matplotlib_with_defaults() -> None:
     """Import matplotlib so that it ignores MPLBACKEND and all settings files except its own defaults.
 
-    Matplotlib would read `matplotlibrc` in the current folder first, whoever wrote that file. If matplotlib is
+    Matplotlib would read `matplotlibrc` in the current folder first, even a file of another user. If matplotlib is
     imported already, its settings stay. Raises ImportError.
     """
     if "matplotlib" in sys.modules:
