@@ -9,10 +9,10 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # without an import of typing, because Ctrl-C during it would end with a traceback
 if TYPE_CHECKING:
+    from typing import Any
+
     from glpath.bake.lightmap import Lightmap, lightmap
     from glpath.bake.probes import Probes, probes
     from glpath.compare import relative_mse
@@ -160,6 +160,8 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         value: Any = _version()
     elif name in _HOME:
+        from importlib import import_module
+
         value = getattr(import_module(f"glpath.{_HOME[name]}"), name)
     else:
         raise AttributeError(f"module 'glpath' has no attribute {name!r}")

@@ -1,8 +1,7 @@
 """The entry point of the `glpath` script and of `python -m glpath`."""
 
-import contextlib
+# Other modules are imported in `main`, which reports Ctrl-C. Python itself has imported these two.
 import os
-import select
 import sys
 
 
@@ -22,12 +21,17 @@ def main() -> None:
         if asks_to_resume(sys.argv[1:]):
             resume_later_while_loading()
         from glpath.cli.main import run_and_end
+
+        run_and_end()
     except KeyboardInterrupt:
-        with contextlib.suppress(OSError):
+        try:
+            import select
+
             if os.name == "nt" or select.select([], [2], [], 1.0)[1]:  # a write to a full pipe would block
                 os.write(2, b"Interrupted.\n")
+        except (OSError, KeyboardInterrupt):
+            pass
         os._exit(130)
-    run_and_end()
 
 
 def _open_standard_streams() -> None:

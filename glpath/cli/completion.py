@@ -35,7 +35,7 @@ def scenes(incomplete: str) -> Completions:
     for entry in entries:
         if entry.name.startswith(start) and (start.startswith(".") or not entry.name.startswith(".")):
             path = os.path.join(folder, entry.name)
-            if entry.is_dir():
+            if os.path.isdir(entry):
                 found.append((path + os.sep, "folder"))
             elif entry.suffix.lower() in SCENE_SUFFIXES:
                 found.append((path, "file"))

@@ -31,6 +31,7 @@ from glpath.gl.devices import (
 from glpath.gl.fences import asks_for_one_thread
 from glpath.gl.osmesa import load_osmesa
 from glpath.system.machine import core_count
+from glpath.system.numerals import unsigned
 from glpath.system.terminal import clean_console, say, say_json
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
@@ -295,10 +296,18 @@ def _drivers() -> list[str]:
     folders = [Path(f) for f in os.environ.get("LIBGL_DRIVERS_PATH", "").split(":") if f]
     folders += [*Path("/usr/lib").glob("*-linux-gnu*/dri"), Path("/usr/lib/dri"), Path("/usr/lib64/dri")]
     # Mesa before 24.2 has a file for each driver; later versions have all drivers in libgallium.
-    mesa = [f for folder in folders for f in folder.glob("swrast_dri.so")]
-    mesa += [f for folder in folders for f in folder.parent.glob("libgallium-*.so")]
+    mesa = [f for folder in folders for f in _files_in(folder, "swrast_dri.so")]
+    mesa += [f for folder in folders for f in _files_in(folder.parent, "libgallium-*.so")]
     found = [f"Mesa ({mesa[0]})"] if mesa and library_loads("libEGL_mesa.so.0") else []
     return found + [name for name in ("libEGL_nvidia.so.0",) if library_loads(name)]
+
+
+def _files_in(folder: Path, pattern: str) -> list[Path]:
+    """Return the files of a folder that match a pattern; an empty list if the folder cannot be read."""
+    try:
+        return list(folder.glob(pattern))
+    except OSError:
+        return []
 
 
 def _context(probes: list[DeviceProbe], wrong: str) -> Iterator[Finding]:
@@ -352,7 +361,8 @@ def _threads(chosen: str | None) -> Iterator[Finding]:
     )
     if asks_for_one_thread(chosen):
         text += "; taken as 0, which is as quick: with one thread llvmpipe may free what that still uses"
-    if chosen is not None and chosen.isdigit() and int(chosen) < cores:
+    count = None if chosen is None else unsigned(chosen.strip())
+    if count is not None and count < cores:
         yield Finding("threads", "note", text, "unset LP_NUM_THREADS")
     else:
         yield Finding("threads", "ok", text)
@@ -366,7 +376,7 @@ def _shader_cache() -> Iterator[Finding]:
     home = os.environ.get("XDG_CACHE_HOME") or str(Path(os.environ.get("HOME") or "/") / ".cache")
     folder = Path(os.environ.get("MESA_SHADER_CACHE_DIR") or home)
     existing = folder
-    while not existing.exists() and existing != existing.parent:
+    while not os.path.exists(existing) and existing != existing.parent:
         existing = existing.parent
     if os.access(existing, os.W_OK | os.X_OK):
         yield Finding("shader cache", "ok", str(folder))
@@ -390,7 +400,7 @@ def _kernel_cache() -> Iterator[Finding]:
 
 
 def _gpu_access() -> Iterator[Finding]:
-    nodes = sorted(Path("/dev/dri").glob("renderD*")) if Path("/dev/dri").is_dir() else []
+    nodes = sorted(Path("/dev/dri").glob("renderD*")) if os.path.isdir("/dev/dri") else []
     closed = [n for n in nodes if not os.access(n, os.R_OK | os.W_OK)]
     if closed:
         text = ", ".join(str(n) for n in closed) + " may not be opened by this user"
@@ -399,6 +409,6 @@ def _gpu_access() -> Iterator[Finding]:
         yield Finding("/dev/dri", "ok", ", ".join(str(n) for n in nodes))
     else:
         yield Finding("/dev/dri", "ok", "no graphics card shown to this system; software rendering")
-    if Path("/dev/nvidiactl").exists() and not library_loads("libEGL_nvidia.so.0"):
+    if os.path.exists("/dev/nvidiactl") and not library_loads("libEGL_nvidia.so.0"):
         remedy = "install the driver's EGL library (libnvidia-gl); in a container NVIDIA_DRIVER_CAPABILITIES=all"
         yield Finding("NVIDIA", "note", "a card, but no libEGL_nvidia.so.0 to draw with", remedy)

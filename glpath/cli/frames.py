@@ -87,12 +87,13 @@ class Frames:
     @classmethod
     def of_range(cls, text: str) -> Frames:
         """Return the frames of `--frames A:B`. Raises UsageError."""
-        match = re.fullmatch(r"0*([0-9]+):0*([0-9]+)", text.strip())
-        if match and max(map(len, match.groups())) > len(str(_MAX_NUMBER)):
+        match = re.fullmatch(r"([0-9]+):([0-9]+)", text.strip())
+        numbers = [number.lstrip("0") or "0" for number in match.groups()] if match else []
+        if max(map(len, numbers), default=0) > len(str(_MAX_NUMBER)):
             raise UsageError(f"--frames {text}: the number of a frame must be at most {_MAX_NUMBER:,}.")
-        if not match or int(match[1]) >= int(match[2]):
+        if not numbers or int(numbers[0]) >= int(numbers[1]):
             raise UsageError(f"--frames {text}: expected A:B, whole numbers of which B is greater, e.g. 0:240.")
-        first, stop = int(match[1]), int(match[2])
+        first, stop = map(int, numbers)
         if stop - first > MAX_FRAMES:
             raise UsageError(
                 f"--frames {text}: {stop - first:,} frames, but one call renders at most {MAX_FRAMES:,}.",

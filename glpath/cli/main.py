@@ -39,6 +39,7 @@ from glpath.cli.signals import (
 )
 from glpath.cli.typed import as_typed, remember_words, typed_words
 from glpath.errors import GlpathError, SceneWarning, UsageError, shortened, warning_scope
+from glpath.system.files import missing_current_folder
 from glpath.system.terminal import CleanHandler, report_stream, say
 from glpath.system.time_limit import command_clock
 
@@ -96,6 +97,11 @@ class Commands(TyperGroup):
             except GlpathError as error:
                 say(f"glpath: error: {as_typed(shortened(str(error)))}", err=True)
                 raise typer.Exit(WRONG_USAGE if isinstance(error, UsageError) else FAILED) from error
+            except FileNotFoundError as error:
+                if _current_folder_exists():
+                    raise
+                say(f"glpath: error: {missing_current_folder()}", err=True)
+                raise typer.Exit(FAILED) from error
             except MemoryError as error:
                 reason = f": {error}" if str(error) else ""
                 say(f"glpath: error: there is not enough memory{shortened(reason)}.\n  {_LESS}", err=True)
@@ -194,6 +200,14 @@ def _common(
     pass
 
 
+def _current_folder_exists() -> bool:
+    try:
+        os.getcwd()
+    except OSError:
+        return False
+    return True
+
+
 def run(commands: typer.Typer = app, name: str = "glpath") -> None:
     """Run a program: the `glpath` script, `python -m glpath`, or another program made by `program`."""
     sys.excepthook = _traceback_as_lines
@@ -205,6 +219,11 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
     elif not re.fullmatch("0*[1-9][0-9]{0,5}", threads):  # numba cannot be imported with such a value
         found = shortened(threads)
         say(f"glpath: error: NUMBA_NUM_THREADS is {found!r}; must be a whole number from 1.\n  Unset it.", err=True)
+        raise SystemExit(WRONG_USAGE)
+    variable = f"_{name}_complete".replace("-", "_").upper()
+    cursor = os.environ.get("COMP_CWORD", "") if "COMP_WORDS" in os.environ else ""
+    if os.environ.get(variable) == "complete_bash" and not re.fullmatch("[0-9]{1,9}", cursor):
+        say(f"glpath: error: {variable}: needs COMP_WORDS and COMP_CWORD, which bash sets.\n  Unset it.", err=True)
         raise SystemExit(WRONG_USAGE)
     if isinstance(sys.stdout, io.TextIOWrapper):
         # Characters that stdout cannot encode are written as escapes, because an error would end the command.

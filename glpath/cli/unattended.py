@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
@@ -51,7 +52,7 @@ def checkpointed(
 
 def check_absent(checkpoint: Path) -> None:
     """Raise UsageError if the checkpoint exists, because it must not be replaced without --resume."""
-    if checkpoint.exists():
+    if os.path.exists(checkpoint):
         raise UsageError(
             f"{checkpoint}: is there already, and the checkpoint would replace it.",
             "--resume continues it. To begin anew, remove it.",

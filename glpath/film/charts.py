@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError
+from glpath.system.private_interfaces import import_matplotlib_with_defaults
+from glpath.system.time_limit import in_command
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -157,8 +159,14 @@ def rastered(figure: Figure) -> UInt8:
 
 
 def require_matplotlib() -> None:
-    """Raise GlpathError with the install command if matplotlib is missing; call it before the work starts."""
+    """Raise GlpathError with the install command if matplotlib is missing; call it before the work starts.
+
+    In the command, this function also imports matplotlib without settings files. A Python caller may want them for
+    figures of his own.
+    """
     try:
+        if in_command():
+            import_matplotlib_with_defaults()
         import matplotlib.figure  # noqa: F401
     except ImportError as error:
         raise GlpathError(

@@ -21,6 +21,7 @@ from pathlib import Path
 from glpath.errors import ContextError
 from glpath.gl.osmesa import load_osmesa
 from glpath.system.arguments import short_repr
+from glpath.system.numerals import whole
 
 BACKENDS = ("auto", "egl", "osmesa")
 #: Minimum OpenGL version, where 430 is version 4.3.
@@ -89,7 +90,7 @@ def chosen(backend: str, device: int | None) -> tuple[str, int | None]:
     # The variable refers to EGL's devices; OSMesa has only one.
     if device is None and text and backend != "osmesa":
         try:
-            device = int(text)
+            device = whole(text)
         except ValueError:
             raise ContextError(
                 f"GLPATH_DEVICE: {short_repr(text)} is not a device number", "`glpath devices` lists them."

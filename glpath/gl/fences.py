@@ -18,6 +18,8 @@ import ctypes
 from collections import deque
 from collections.abc import Callable
 
+from glpath.system.numerals import unsigned
+
 _SYNC_GPU_COMMANDS_COMPLETE = 0x9117
 
 #: Number of draws after which a fence is deleted. llvmpipe has at most 64 unfinished scenes.
@@ -29,7 +31,7 @@ def asks_for_one_thread(threads: str | None) -> bool:
 
     With 0 instead, the drawing thread itself does all work, which is as fast and needs no fence.
     """
-    return threads is not None and threads.strip().isdigit() and int(threads) == 1
+    return threads is not None and unsigned(threads.strip()) == 1
 
 
 class HeldFences:

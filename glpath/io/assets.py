@@ -25,6 +25,7 @@ from glpath.scene.camera import upright_from_world
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture, moved_textures
 from glpath.scene.motion import Motion
 from glpath.scene.source_location import SourceLocation, shown
+from glpath.system.files import absence_of
 from glpath.system.suggestions import listed_names, similar_names
 
 
@@ -125,8 +126,7 @@ class Assets:
                 "Leave it out, or turn the model: transform = [{ rotate = { axis = [1, 0, 0], angle = -90 } }].",
             )
         if not os.path.isfile(path):  # Path.is_file may raise if the name is too long
-            there = "is not a file" if os.path.exists(path) else "does not exist"
-            raise here.error(f"names {path}, which {there}.", nearby_files("Models", path, FORMATS))
+            raise here.error(f"names {path}, which {absence_of(path)}.", nearby_files("Models", path, FORMATS))
         if (path, time) not in self._read:
             opened, closed = self.shutter
             model = read_model(path, here, None if time is None else time + opened, closed - opened)

@@ -33,12 +33,12 @@ from glpath.io.meshes import MESH_KEYS, mesh_of_table
 from glpath.io.other_names import meant_by
 from glpath.io.streams import Chunks
 from glpath.io.up_axis import Up
-from glpath.io.values import LARGEST
+from glpath.io.values import CHECK_PERMISSIONS, LARGEST
 from glpath.scene.camera import framing
 from glpath.scene.model import Mesh, Scene
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.arguments import checked, short_repr
-from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
+from glpath.system.files import MAX_TEXT_BYTES, absence_of, is_denied, read_bytes, reason_of
 from glpath.system.suggestions import similar_names
 from glpath.system.time_limit import check_time
 
@@ -73,13 +73,14 @@ def read_scene_file(path: Path, later: float = 0.0, up: Up = "guess") -> Scene:
     # in bash makes one.
     if not (os.path.isfile(path) or (os.path.exists(path) and path.is_fifo())):
         raise location.error(
-            "is a folder, not a scene file." if os.path.isdir(path) else "no such file.", _other_files(path)
+            "is a folder, not a scene file." if os.path.isdir(path) else f"{absence_of(path, 'no such file')}.",
+            _other_files(path),
         )
     try:
         content = read_bytes(path, MAX_TEXT_BYTES)
     except OSError as error:
         remedy = TOO_LARGE if error.errno == errno.EFBIG else ""
-        remedy = "Check the permissions of the file." if isinstance(error, PermissionError) else remedy
+        remedy = CHECK_PERMISSIONS if isinstance(error, PermissionError) else remedy
         raise location.error(f"cannot be read: {reason_of(error)}.", remedy) from error
     return scene_from_toml(content, location, path.parent, path.stem, later, up)
 
@@ -315,7 +316,7 @@ def _syntax_error(error: tomllib.TOMLDecodeError, text: str, location: SourceLoc
 
 def _other_files(path: Path) -> str:
     if not os.path.isdir(path.parent):
-        return f"There is no folder {path.parent} either."
+        return CHECK_PERMISSIONS if is_denied(path) else f"There is no folder {path.parent} either."
     others = [file.name for file in path.parent.glob("*.toml")]
     nearest = similar_names(path.name, others, 8, 0) or sorted(others)[:8] or ["none"]
     return f"Scene files in {path.parent}: {', '.join(nearest)}. `glpath scenes` lists the shipped ones."

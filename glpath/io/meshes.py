@@ -31,7 +31,7 @@ from glpath.io.values import LARGEST, finite_rows, nearby_files, no_such_vertex,
 from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.source_location import SourceLocation
-from glpath.system.files import read_bytes
+from glpath.system.files import absence_of, read_bytes
 from glpath.system.private_interfaces import given_trimesh_normals
 from glpath.system.time_limit import named_work
 
@@ -221,7 +221,7 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
         )
     if not os.path.isfile(path):  # Path.is_file may raise if the name is too long
         raise location.error(
-            f"names the mesh file {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
+            f"names the mesh file {path}, which {absence_of(path)}.",
             nearby_files("Mesh files", path, FORMATS),
         )
     try:

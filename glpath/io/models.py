@@ -28,6 +28,7 @@ from glpath.io.up_axis import LYING, Up
 from glpath.scene.check import check_camera
 from glpath.scene.model import Camera, Scene, Shapes
 from glpath.scene.source_location import SourceLocation
+from glpath.system.numerals import unsigned
 
 #: Suffixes of files that are read as models.
 FORMATS = (*GLTF_FORMATS, *MESH_FORMATS)
@@ -72,8 +73,8 @@ def read_gltf_as_asked(
 ) -> Model:
     """Return the model of a .gltf or .glb with the parameters that users give; see `load_scene`."""
     wanted: int | str | None = None if camera in ("first", "none") else camera
-    if isinstance(wanted, str) and wanted.isdecimal():
-        wanted = int(wanted)
+    if isinstance(wanted, str) and (number := unsigned(wanted)) is not None:
+        wanted = number
     if animation != "first" and time == "rest":
         time = 0.0
     if shutter and time == "rest":

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from glpath.system.files import reason_of
+from glpath.system.files import absence_of, reason_of
 
 # Maximum number of subfolders that are searched for a missing file.
 _MAX_FOLDERS = 100
@@ -134,7 +134,7 @@ def named_file(folder: Path, name: str, folders: Folders | None = None) -> Path:
             return similar
         if not is_inside or _has_drive(name):
             raise UnusableError("which is outside the folder of the model")
-        raise UnusableError("which is not a file" if os.path.exists(path) else "which does not exist")
+        raise UnusableError(f"which {absence_of(path)}")
     except (OSError, RuntimeError, ValueError) as error:  # for a NUL or a circle of links
         raise UnusableError(f"which cannot be read: {reason_of(error)}") from error
 

@@ -11,7 +11,7 @@ from glpath.io.ies import parse_ies
 from glpath.io.values import nearby_files
 from glpath.scene.profile import LightProfile
 from glpath.scene.source_location import SourceLocation
-from glpath.system.files import read_bytes, reason_of
+from glpath.system.files import absence_of, read_bytes, reason_of
 
 #: Name and parser of each format, by suffix.
 FORMATS: dict[str, tuple[str, Callable[[bytes, Path | str, SourceLocation], LightProfile]]] = {
@@ -29,7 +29,7 @@ def read_profile(path: Path, location: SourceLocation) -> LightProfile:
         raise location.error(f"names {path}, but a photometric file is one that ends in {' or '.join(SUFFIXES)}.")
     if not os.path.isfile(path):
         raise location.error(
-            f"names the file {path}, which {'is no file' if os.path.exists(path) else 'does not exist'}.",
+            f"names the file {path}, which {absence_of(path)}.",
             nearby_files("Photometric files", path, SUFFIXES),
         )
     try:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from glpath.io.text import decoded, parse_numbers, with_plain_nan
 from glpath.io.values import as_float64
+from glpath.system.numerals import unsigned
 from glpath.system.time_limit import check_time
 
 Float64 = NDArray[np.float64]
@@ -139,8 +140,8 @@ def read_header(content: bytes) -> Header:
                     textures.append(name)
             case ["format", ("ascii" | "binary_little_endian" | "binary_big_endian") as name, *_]:
                 format_name = name
-            case ["element", name, count] if count.isdecimal() and len(count) < 19:
-                elements.append((name.lower(), int(count), []))
+            case ["element", name, text] if (count := unsigned(text)) is not None:
+                elements.append((name.lower(), count, []))
             case ["property", kind, name] if kind in _TYPES and elements:
                 elements[-1][2].append(_Property(name.lower(), _TYPES[kind]))
             case ["property", "list", length, kind, name] if length in _TYPES and kind in _TYPES and elements:

@@ -12,7 +12,7 @@ from glpath.film.image import picture_size
 from glpath.io.description import MAX_TEXTURE_SIDE
 from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation
-from glpath.system.files import reading
+from glpath.system.files import absence_of, reading
 from glpath.system.npz import UnfoldedPictures
 from glpath.system.time_limit import named_work
 
@@ -44,7 +44,7 @@ def stored_picture(
         )
     if not os.path.isfile(path):  # Path.is_file may raise if the name is too long
         raise location.error(
-            f"names the picture {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
+            f"names the picture {path}, which {absence_of(path)}.",
             nearby_files("Pictures", path, formats),
         )
     try:

@@ -20,7 +20,7 @@ from glpath.scene.geometry import Float64, placed
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.stream import Stream
 from glpath.scene.tessellate import without_area
-from glpath.system.files import open_file
+from glpath.system.files import absence_of, open_file
 
 #: Number of triangles that are read from a file at once: 2 MB, and about 20 MB while they are processed.
 CHUNK = 1 << 15
@@ -63,7 +63,9 @@ class NpyTriangles:
                 path.name, "a .npy file", "`numpy.save` writes one; other formats are shapes of the type mesh."
             )
         if not os.path.isfile(path):
-            raise location.error(f"names {path}: no such file.", nearby_files("Files", path, (".npy",)))
+            raise location.error(
+                f"names {path}: {absence_of(path, 'no such file')}.", nearby_files("Files", path, (".npy",))
+            )
         try:
             with open_file(path) as file:
                 version = np.lib.format.read_magic(file)

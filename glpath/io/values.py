@@ -13,8 +13,11 @@ from glpath.errors import SceneError, warn_at
 from glpath.scene.geometry import LARGEST as LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation, shown
+from glpath.system.files import is_denied, reason_of
 from glpath.system.suggestions import listed_names, similar_names
 
+#: Remedy in errors for files that may not be read.
+CHECK_PERMISSIONS = "Check the permissions of the file and of its folders."
 #: Minimum size of a scene in scene units. Its square times 1e-7 is still a normal 32-bit number.
 SMALLEST = 1e-15
 #: Maximum number of materials or solids of a mesh file, each of which becomes a shape.
@@ -77,8 +80,13 @@ def nearby_files(kind: str, path: Path, formats: Collection[str]) -> str:
     formats : suffixes of the files to list
     """
     if not os.path.isdir(path.parent):
+        if is_denied(path):
+            return CHECK_PERMISSIONS
         return f"There is no folder {path.parent} either. A relative path starts at the folder of the scene file."
-    others = [file.name for file in path.parent.iterdir() if file.suffix.lower() in formats]
+    try:
+        others = [file.name for file in path.parent.iterdir() if file.suffix.lower() in formats]
+    except OSError as error:
+        return f"The folder {path.parent} cannot be listed: {reason_of(error)}."
     nearest = similar_names(path.name, others, 8, 0) or sorted(others)[:8]
     kinds = ", ".join(filter(None, formats))
     return f"{kind} in {path.parent}: {', '.join(nearest) or ('none of ' + kinds if kinds else 'none')}."

@@ -27,7 +27,7 @@ from glpath.scene.model import Float64
 from glpath.scene.perez_sky import PRECIPITABLE_WATER, PerezSky, extraterrestrial, precipitable_water
 from glpath.scene.source_location import shown
 from glpath.system.files import read_bytes, reason_of
-from glpath.system.numerals import real
+from glpath.system.numerals import real, unsigned
 
 #: Suffixes of weather files.
 WEATHER_FILES = (".epw", ".csv")
@@ -225,7 +225,7 @@ def _without_leap_day(rows: dict[int, list[str]], head: list[str], path: Path) -
 def _with_hours_from_one(rows: dict[int, list[str]], path: Path) -> dict[int, list[str]]:
     """Return rows of an EPW file with hours from 1 to 24. Hours from 0 to 23 are renumbered, with a warning."""
     hours = {row[3].strip() for row in rows.values()}
-    if not hours & {"0", "00"} or "24" in hours or not all(hour.isdecimal() and len(hour) <= 2 for hour in hours):
+    if not hours & {"0", "00"} or "24" in hours or any(unsigned(hour) is None or len(hour) > 2 for hour in hours):
         return rows
     warn(f"{path}: its hours are from 0 to 23, not from 1 to 24. They are read as those that begin then.")
     return {line: [*row[:3], str(int(row[3]) + 1), *row[4:]] for line, row in rows.items()}

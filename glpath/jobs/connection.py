@@ -26,6 +26,7 @@ from glpath.gl.signals import SignalsWait
 from glpath.jobs.worker import Sharable, hold, let_go
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 from glpath.system.machine import core_count
+from glpath.system.numerals import unsigned
 from glpath.system.signals import ENDING
 
 log = logging.getLogger("glpath")
@@ -174,12 +175,12 @@ def _distributed() -> Any:
 
 
 def _count(address: str) -> int:
-    text = address.removeprefix(_LOCAL)
-    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= _MAX_LOCAL):
+    count = unsigned(address.removeprefix(_LOCAL))
+    if count is None or not 1 <= count <= _MAX_LOCAL:
         raise UsageError(
             f"cluster {address}: expected a number of processes from 1 to {_MAX_LOCAL}, as in local:4."
         )
-    return int(text)
+    return count
 
 
 def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
@@ -294,11 +295,12 @@ def _wait_while_refused(address: str) -> None:
 
     Dask itself would retry for half a minute. Other errors are left to Dask.
     """
-    host, _, port = address.partition("://")[2].rpartition(":")
+    host, _, text = address.partition("://")[2].rpartition(":")
+    port = unsigned(text)
     until = time.monotonic() + _REFUSED_S
-    while host and port.isascii() and port.isdigit():
+    while host and port is not None:
         try:
-            socket.create_connection((host.strip("[]"), int(port)), timeout=_REFUSED_S).close()
+            socket.create_connection((host.strip("[]"), port), timeout=_REFUSED_S).close()
             return
         except ConnectionRefusedError:
             if time.monotonic() > until:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import re
 import threading
 import time
@@ -373,7 +374,7 @@ def _unused(name: str) -> Path:
     stem = re.sub(r"[^\w.-]+", "-", name).strip(".-") or "view"
     for number in count(1):
         path = Path(f"{stem}.png" if number == 1 else f"{stem}-{number}.png")
-        if not path.exists():
+        if not os.path.exists(path):
             return path
     raise AssertionError
 

@@ -104,7 +104,7 @@ class Gathering:
         self.lines += list(self._report_unused(unused))
         shows_all = chosen(self.config, "keep") == "all"
         kinds = {asked} if asked else {"html"} if failures or shows_all else set()
-        if (results / "report.html").exists():
+        if os.path.exists(results / "report.html"):
             kinds.add("html")  # an old report would show failures that no longer exist
         for kind in sorted(kinds):
             try:
@@ -150,8 +150,9 @@ class Gathering:
         # A folder is named after its test file. If that file is missing, all baselines in the folder are unused.
         for test_file in self.collected:
             root = baseline_folder(self.config, Path(test_file)).parent
-            for folder in root.iterdir() if root.is_dir() else ():
-                if folder.is_dir() and not Path(test_file).with_name(f"{folder.name}.py").exists():
+            for folder in root.iterdir() if os.path.isdir(root) else ():
+                test_of_folder = Path(test_file).with_name(f"{folder.name}.py")
+                if os.path.isdir(folder) and not os.path.exists(test_of_folder):
                     folders.setdefault(folder, [])
         found: dict[str, Path] = {}
         for folder, unsure in folders.items():

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 from collections.abc import Mapping, Sequence
 from importlib import import_module, resources
 from pathlib import Path
@@ -31,7 +32,7 @@ def write_report(folder: Path, kind: str, records: Sequence[Mapping[str, Any]], 
         "unused_baselines": list(unused),
     }
     ignore = folder / ".gitignore"
-    if not ignore.exists():
+    if not os.path.exists(ignore):
         with whole_file(ignore) as temporary:
             temporary.write_text("*\n")
     path = folder / f"report.{kind}"
@@ -54,7 +55,7 @@ def extras_of(records: Sequence[Mapping[str, Any]]) -> list[Any]:
         extras.png(base64.b64encode(Path(path).read_bytes()).decode("ascii"), f"{record['picture']}: {kind}")
         for record in records
         for kind, path in record["files"].items()
-        if Path(path).is_file()
+        if os.path.isfile(path)
     ]
 
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from glpath.system.numerals import unsigned
+
 
 class Option:
     """Option --glpath-NAME, and glpath_NAME in the ini-file, with "_" for "-"."""
@@ -182,8 +184,8 @@ def _limits(text: str) -> dict[str, tuple[str, ...]]:
 def _device(text: str | None) -> dict[str, Any]:
     if text is None:
         return {}
-    if text.isdecimal():
-        return {"device": int(text)}
+    if (number := unsigned(text)) is not None:
+        return {"device": number}
     if text == "gpu":
         return {"require_gpu": True}
     if text in ("egl", "osmesa"):

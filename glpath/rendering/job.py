@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
@@ -49,7 +48,7 @@ from glpath.scene.source_location import SourceLocation
 from glpath.sensors.sensor import CameraSensor, PointSensor, Sensor, SensorKey
 from glpath.system.arguments import check_count, check_word, short_repr
 from glpath.system.arguments import checked as checked_arguments
-from glpath.system.files import MAX_TEXT_BYTES, read_bytes, whole_file
+from glpath.system.files import MAX_TEXT_BYTES, absolute_path, read_bytes, whole_file
 from glpath.system.suggestions import listed_names, name_fits, similar_names
 from glpath.system.time_limit import preparing_scene
 
@@ -82,7 +81,7 @@ class SceneSource:
             return cls("shipped", scene, digest, dict(parameters or {}))
         if isinstance(scene, str | Path):
             # Absolute, because workers may run in another folder.
-            return cls("file", os.path.abspath(scene), digest, dict(parameters or {}))
+            return cls("file", absolute_path(scene), digest, dict(parameters or {}))
         return cls("memory", loaded.name, digest)
 
     def load(self, given: Scene | None = None) -> Scene:
@@ -209,7 +208,7 @@ class RenderJob:
                     f"{name}: a job's JSON cannot hold a solution in memory.",
                     "Save it, and give the path of its file.",
                 )
-            settings[name] = os.path.abspath(value) if isinstance(value, Path) else value
+            settings[name] = absolute_path(value) if isinstance(value, Path) else value
         return json.dumps(
             {
                 "format": _FORMAT,

@@ -15,7 +15,7 @@ Source:   Farin 2002, Curves and Surfaces for CAGD; Moreton 2001, Watertight Tes
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.scene.camera import Camera
 from glpath.scene.geometry import Float64, Mesh
+from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
 
@@ -32,6 +33,8 @@ MAX_LEVEL = 256
 #: Function that returns heights (N,) at texture coordinates (N, 2).
 Heights = Callable[[Float64], Float64]
 
+# Current work, for errors of the time limit.
+_WORK = "dividing surfaces into triangles"
 # Cosine of the angle up to which the normals of adjacent patches are merged.
 _SMOOTH = np.cos(np.radians(30.0))
 # If an edge of a patch degenerates to a point, it has no normal. The normal is then taken this fraction of the
@@ -211,8 +214,8 @@ def _points(
     position, normals = np.empty((first[-1], 3)), np.empty((first[-1], 3))
     uv = np.empty((first[-1], 2))
     faces, patch = [], []
-    for number, division in enumerate(of_patch):
-        of = np.flatnonzero(which.ravel() == number)
+    for of, division in _parts(which.ravel(), of_patch):
+        check_time(_WORK)
         at = (first[of][:, None] + np.arange(len(division.uv_points))).ravel()
         part = patches.select(of)
         position[at] = _positions(part, division).reshape(-1, 3)
@@ -223,6 +226,7 @@ def _points(
     face = np.concatenate(faces)[np.argsort(np.concatenate(patch), kind="stable")]
 
     group = _same_rows(position)
+    check_time(_WORK)
     own = group[face]
     apart = (own[:, 0] != own[:, 1]) & (own[:, 1] != own[:, 2]) & (own[:, 2] != own[:, 0])
     sums = np.zeros((group.max() + 1, 3))
@@ -231,13 +235,33 @@ def _points(
     common = sums / np.where(length > 0, length, 1.0)
     if heights is not None:
         height, count = np.zeros(len(common)), np.zeros(len(common))
-        np.add.at(height, group, heights(uv))
+        np.add.at(height, group, np.concatenate([heights(part) for part in _chunks(uv)]))
         np.add.at(count, group, 1.0)
         position = (position + (height / count)[group, None] * common[group]) + 0.0
+    check_time(_WORK)
     agrees = np.ones(len(common))
     np.minimum.at(agrees, group, np.sum(normals * common[group], axis=1))
     normals = np.where((agrees > _SMOOTH)[group, None], common[group], normals)
     return _Points(position, normals, uv, group, face[apart])
+
+
+def _parts(which: Int64, divisions: list[_Division]) -> Iterator[tuple[Int64, _Division]]:
+    """Yield the patches of each division, in parts of at most CHUNK points, or of one patch.
+
+    which : (P,) index of each patch's division
+    """
+    for number, division in enumerate(divisions):
+        patches = np.flatnonzero(which == number)
+        step = max(1, CHUNK // len(division.uv_points))
+        for first in range(0, len(patches), step):
+            yield patches[first : first + step], division
+
+
+def _chunks(uv: Float64) -> Iterator[Float64]:
+    """Yield texture coordinates (N, 2) in chunks, and check the time before each."""
+    for first in range(0, len(uv), CHUNK):
+        check_time(_WORK)
+        yield uv[first : first + CHUNK]
 
 
 def _of_faces(points: _Points) -> Float64:
@@ -246,6 +270,7 @@ def _of_faces(points: _Points) -> Float64:
     normal = np.cross(b - a, c - a)
     sums = np.zeros((points.group.max() + 1, 3))
     for corner in range(3):
+        check_time(_WORK)
         np.add.at(sums, points.group[points.faces[:, corner]], normal)
     length = np.linalg.norm(sums, axis=1, keepdims=True)
     return np.asarray((sums / np.where(length > 0, length, 1.0))[points.group])
@@ -327,9 +352,13 @@ def _in_one_order(curves: Float64) -> tuple[Float64, NDArray[np.bool_]]:
 
 def _same_rows(rows: Float64) -> Int64:
     """Return (N,) indices that are equal for points (N, 3) with the same bits."""
-    whole = np.ascontiguousarray(rows + 0.0)
-    _, which = np.unique(whole.view(np.dtype((np.void, 24))).ravel(), return_inverse=True)
-    return np.asarray(which.ravel(), np.int64)
+    which = np.zeros(len(rows), np.int64)
+    for column in np.ascontiguousarray((rows + 0.0).T).view(np.int64):
+        check_time(_WORK)
+        _, own = np.unique(column, return_inverse=True)
+        check_time(_WORK)
+        _, which = np.unique(which * (own.max(initial=0) + 1) + own, return_inverse=True)
+    return np.asarray(which, np.int64)
 
 
 @lru_cache(maxsize=1024)

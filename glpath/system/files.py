@@ -45,6 +45,37 @@ def shipped_folder(name: str) -> Path | None:
     return next((f for f in (package / name, package.parent / name) if f.is_dir()), None)
 
 
+def is_denied(path: str | Path) -> bool:
+    """Return True if a folder of the path may not be entered, so that nobody knows if the path exists."""
+    try:
+        os.stat(path)
+    except PermissionError:
+        return True
+    except (OSError, ValueError):  # ValueError for a NUL
+        pass
+    return False
+
+
+def absence_of(path: str | Path, missing: str = "does not exist") -> str:
+    """Return the predicate of an error for a path that `os.path.isfile` rejects; `missing` if it does not exist."""
+    if is_denied(path):
+        return f"cannot be read: {os.strerror(errno.EACCES)}"
+    return "is not a file" if os.path.exists(path) else missing
+
+
+def absolute_path(path: str | Path) -> str:
+    """Return the absolute path. Raises GlpathError if the path is relative and the current folder was removed."""
+    try:
+        return os.path.abspath(path)
+    except FileNotFoundError as error:
+        raise missing_current_folder() from error
+
+
+def missing_current_folder() -> GlpathError:
+    """Return the error for a current folder that was removed."""
+    return GlpathError("the current folder does not exist any more.", "Change to another folder with cd.")
+
+
 def is_stream(path: str | Path) -> bool:
     """Return True if `path` is written into, not replaced: a pipe, a character device, or `-` (standard output)."""
     mode = _mode(path)

@@ -17,6 +17,11 @@ def whole(text: str) -> int:
     return int(_plain(text))
 
 
+def unsigned(text: str) -> int | None:
+    """Return a whole number of at most 18 digits and no other characters; None for any other text."""
+    return int(text) if text.isascii() and text.isdigit() and len(text) <= _MAX_DIGITS else None
+
+
 def real(text: str) -> float:
     """Return a number, which may be infinite or NaN. Raises ValueError."""
     return float(_plain(text))

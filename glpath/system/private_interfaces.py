@@ -91,6 +91,30 @@ def import_numba() -> Any:
     return package
 
 
+def import_matplotlib_with_defaults() -> None:
+    """Import matplotlib so that it ignores MPLBACKEND and all settings files except its own defaults.
+
+    Matplotlib would read `matplotlibrc` in the current folder first, even a file of another user. If matplotlib is
+    imported already, its settings stay. Raises ImportError.
+    """
+    if "matplotlib" in sys.modules:
+        return
+    exists, backend = os.path.exists, os.environ.pop("MPLBACKEND", None)
+
+    def exists_for_matplotlib(path: Any) -> bool:
+        folder, name = os.path.split(os.fspath(path)) if isinstance(path, str | os.PathLike) else ("", "")
+        ignored = name == "matplotlibrc" and os.path.basename(folder) != "mpl-data"
+        return not ignored and exists(path)
+
+    os.path.exists = exists_for_matplotlib
+    try:
+        import_module("matplotlib")
+    finally:
+        os.path.exists = exists
+        if backend is not None:
+            os.environ["MPLBACKEND"] = backend
+
+
 @contextmanager
 def numba_folders_of_environment() -> Iterator[None]:
     """Context in which only environment variables, and no settings file, choose the folder of cached kernels."""

@@ -77,6 +77,11 @@ def command_clock() -> Iterator[None]:
         _command_began = None
 
 
+def in_command() -> bool:
+    """Return True inside `command_clock`, in a process that belongs to the command."""
+    return _command_began is not None
+
+
 def _process_age() -> float:
     """Return the seconds since this process started, at most its processor time plus `_MAX_IDLE`.
 

@@ -9,7 +9,7 @@ import re
 import struct
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import GlpathError, SceneError, warn
 from glpath.scene.geometry import LARGEST
 from glpath.system.arguments import checked
-from glpath.system.files import check_file, open_file, read_bytes, reading, reason_of
+from glpath.system.files import absence_of, absolute_path, check_file, open_file, read_bytes, reading, reason_of
 from glpath.system.npz import check_unfolded, open_npz, read_npy
 from glpath.terrain.height_field import HeightField
 
@@ -259,7 +259,7 @@ def _opened_tiff(path: Path, rasterio: Any) -> Iterator[Any]:
             with warnings.catch_warnings():
                 # Hide the warning about a missing georeference, which `_geotiff` reports as an error.
                 warnings.simplefilter("ignore")
-                opened = rasterio.open(path.absolute(), driver="GTiff")
+                opened = rasterio.open(absolute_path(path), driver="GTiff")
             with opened as raster:
                 if raster.dtypes[0].startswith("complex"):
                     raise SceneError(
@@ -301,7 +301,10 @@ def _check_beside(beside: Path, path: Path) -> None:
 def _world_file(path: Path) -> Path | None:
     """Return the world file beside a TIFF, whatever the case of its name; None if there is none."""
     exact = [path.with_suffix(each) for each in _WORLD_FILES]
-    files = {each.name.casefold(): each for each in (*sorted(path.parent.iterdir()), *exact) if each.is_file()}
+    listed: list[Path] = []
+    with suppress(OSError):  # a folder that may be entered but not listed
+        listed = sorted(path.parent.iterdir())
+    files = {each.name.casefold(): each for each in (*listed, *exact) if os.path.isfile(each)}
     return next((files[name] for each in exact if (name := each.name.casefold()) in files), None)
 
 
@@ -414,7 +417,7 @@ def _check_las(file: BinaryIO, total: int) -> None:
 def _readable(path: Path) -> Iterator[None]:
     try:
         if not os.path.isfile(path):
-            raise SceneError(f"{path}: no such file.")
+            raise SceneError(f"{path}: {absence_of(path, 'no such file')}.")
         yield
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {reason_of(error)}.") from error

@@ -5,19 +5,25 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 import glpath
-from glpath.cli import values
+from glpath.cli import devices, values
+from glpath.cli.frames import Frames
 from glpath.cli.main import app
 from glpath.compare import read_picture
-from glpath.errors import UsageError
-from glpath.system.numerals import real, whole
+from glpath.errors import ContextError, UsageError
+from glpath.gl.devices import chosen
+from glpath.gl.fences import asks_for_one_thread
+from glpath.jobs import connection
+from glpath.system.numerals import real, unsigned, whole
 
 MANY = "9" * 400
+MODEL = Path(__file__).parents[2] / "scenes" / "room.glb"
 LAUNCH = ["render", "cornell-box-36", "--resolution", "4x4", "--spp", "1", "-q"]
 
 
@@ -97,6 +103,35 @@ def test_numerals_are_plain(text: str) -> None:
         with pytest.raises(ValueError):  # noqa: PT011
             real(text)
     assert (whole(" -12 "), real("+1.5e3")) == (-12, 1500.0)
+
+
+@pytest.mark.parametrize("text", ["\u0661", "\u00b2", "9" * 5000, "1_0", "-1", ""])
+def test_numbers_among_names_are_of_few_plain_digits(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert unsigned(text) is None
+    for word in (f"--animation={text}", f"--variant={text}", f"--parameter=camera={text}"):
+        refused("info", MODEL, word)
+    assert not asks_for_one_thread(text)
+    assert [each.status for each in devices._threads(text)] == ["ok"]
+    with pytest.raises(UsageError, match="from 1 to"):
+        connection._count(f"local:{text}")
+    connection._wait_while_refused(f"tcp://x:{text}")
+    monkeypatch.setenv("GLPATH_DEVICE", text or "a")
+    with pytest.raises(ContextError) if text != "-1" else nullcontext():
+        chosen("auto", None)
+
+
+def test_frame_numbers_with_many_zeros_are_read_in_linear_time() -> None:
+    zeros = "0" * 200_000
+    assert Frames.of_range(f"{zeros}1:{zeros}3") == Frames.of_range("1:3")
+    with pytest.raises(UsageError, match="expected A:B"):
+        Frames.of_range(zeros)
+
+
+@pytest.mark.parametrize("variable", ["MESA_SHADER_CACHE_DIR", "XDG_CACHE_HOME", "HOME", "LIBGL_DRIVERS_PATH"])
+def test_doctor_accepts_folders_with_impossible_names(variable: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(variable, "/" + 300 * "x")
+    assert len(list(devices._shader_cache())) == 1
+    devices._drivers()
 
 
 def test_a_shard_is_of_few_plain_digits() -> None:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import glpath
 from glpath.film.charts import field
 
 
@@ -15,3 +21,32 @@ def test_settings_of_the_current_folder_do_not_change_a_chart() -> None:
     with matplotlib.rc_context({"text.usetex": True, "font.size": 40, "axes.grid": True}):
         np.testing.assert_array_equal(field(*arguments), expected)
         assert matplotlib.rcParams["font.size"] == 40
+
+
+SETTINGS = """
+import os, sys
+from glpath.film.charts import require_matplotlib
+from glpath.system.time_limit import command_clock
+
+with command_clock():
+    require_matplotlib()
+import matplotlib
+print(matplotlib.rcParams["font.size"], os.environ["MPLBACKEND"], os.path.exists("matplotlibrc"))
+"""
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x80: 1\n", b"font.size: 50\n", None])
+def test_commands_ignore_matplotlib_s_settings_of_the_current_folder(content: bytes | None, tmp_path: Path) -> None:
+    if content is None:
+        os.mkfifo(tmp_path / "matplotlibrc")
+    else:
+        (tmp_path / "matplotlibrc").write_bytes(content)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", SETTINGS],
+        cwd=tmp_path,
+        env=os.environ | {"MPLBACKEND": "bogus", "PYTHONPATH": str(Path(glpath.__file__).parents[1])},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.stdout == "10.0 bogus True\n", done.stderr

@@ -189,7 +189,7 @@ def test_files_that_are_none_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"1,073,741,824 bytes, more than the 16,777,216"):
         read_profile(tmp_path / "large.ies", PLACE)
     (tmp_path / "dir.ies").mkdir()
-    with pytest.raises(SceneError, match=r"is no file"):
+    with pytest.raises(SceneError, match=r"is not a file"):
         read_profile(tmp_path / "dir.ies", PLACE)
 
 

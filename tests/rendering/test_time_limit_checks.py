@@ -19,6 +19,7 @@ from glpath.radiosity.mesh.mesh import size_for_count, surfaces
 from glpath.radiosity.solvers.checks import check_solvable
 from glpath.rendering.choice import chosen
 from glpath.scene import Scene
+from glpath.scene.patches import Patches, diced
 from glpath.system.time_limit import limited, named_work
 from tests.support.check_gaps import check_gaps, grid
 from tests.support.clock import Clock
@@ -43,12 +44,19 @@ def size_of_elements(scene: Scene) -> None:
     size_for_count(scene, np.arange(len(scene.triangles)), 1000, by_size=True)
 
 
+def divide(level: int) -> None:
+    net = np.stack([*np.meshgrid(*2 * [np.arange(6.0)], indexing="ij"), np.zeros((6, 6))], axis=-1)
+    patches = Patches.bspline(net)
+    diced(patches, patches.levels(level), lambda uv: np.sin(uv[:, 0]))
+
+
 PARTS: dict[str, Callable[[Scene], Any]] = {
     "pieces": lambda scene: pieces(scene.triangles),
     "closed surfaces": Closed.of,
     "patches of the atlas": lambda scene: _parts(scene, np.ones((len(scene.triangles), 2))),
     "smooth surfaces": surfaces,
     "reflecting sides": check_solvable,
+    "divided patches": lambda scene: divide(int(np.sqrt(len(scene.triangles) / 8))),
     "size of elements": size_of_elements,
     "items of the BVH": lambda scene: _items(scene.triangles),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import gzip
 import os
 import socket
@@ -253,3 +254,20 @@ def test_a_file_with_some_holes_is_read(tmp_path: Path) -> None:
 def test_a_name_with_a_nul_is_no_traceback() -> None:
     with pytest.raises(OSError, match="Invalid argument"):
         files.read_bytes("a\0b")
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".glb", ".ply", ".obj", ".xml", ".tif", ".asc", ".las"])
+def test_a_file_in_a_folder_that_may_not_be_entered_is_denied(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stat = os.stat
+
+    def refuse(path: Any, *given: Any, **more: Any) -> os.stat_result:
+        if "locked" in str(path):
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return stat(path, *given, **more)
+
+    monkeypatch.setattr(os, "stat", refuse)
+    load = {".tif": glpath.load_height_field, ".asc": glpath.load_height_field, ".las": glpath.load_point_cloud}
+    with pytest.raises(GlpathError, match="Permission denied"):
+        load.get(suffix, glpath.load_scene)(tmp_path / "locked" / "in" / f"x{suffix}")

@@ -12,6 +12,7 @@ from glpath.io.gltf.accessors import Accessors
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.table import Table, Tables
 from glpath.scene.source_location import shown
+from glpath.system.numerals import unsigned
 from glpath.system.suggestions import listed_names, similar_names
 
 _VARIANTS = "KHR_materials_variants"
@@ -83,8 +84,9 @@ def _variants(document: Document) -> Tables | list[Table]:
 def _number(wanted: str, names: Sequence[str], what: str, document: Document) -> int:
     if wanted in names:
         return names.index(wanted)
-    if wanted.isdecimal() and int(wanted) < len(names):
-        return int(wanted)
+    number = unsigned(wanted)
+    if number is not None and number < len(names):
+        return number
     listed = listed_names(f"{i} {shown(name)}" for i, name in enumerate(names)) or "none"
     near = similar_names(wanted, names, 1, 0.4)
     raise UsageError(

@@ -26,7 +26,7 @@ from glpath.io.gltf.table import Table, Tables, printable
 from glpath.io.named_files import NamedFiles, UnusableError, named_file
 from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation, shown
-from glpath.system.files import read_bytes, reason_of
+from glpath.system.files import absence_of, read_bytes, reason_of
 from glpath.system.npz import UnfoldedPictures
 from glpath.system.suggestions import listed_names
 
@@ -235,9 +235,7 @@ def read_document(path: Path) -> Document:
     """Open a .gltf or .glb. Raises SceneError if it is missing or broken, or requires an unknown extension."""
     location = SourceLocation(str(path))
     if not os.path.isfile(path):
-        raise location.error(
-            "is not a file." if os.path.exists(path) else "does not exist.", nearby_files("Models", path, SUFFIXES)
-        )
+        raise location.error(f"{absence_of(path)}.", nearby_files("Models", path, SUFFIXES))
     content = read_file(path, location)
     text, binary = _chunks(content, location) if content[:4] == b"glTF" else (content, None)
     root = Table(_decoded(text, location), location)

@@ -13,6 +13,7 @@ from glpath.errors import SceneError
 from glpath.io.convert import convert
 from glpath.scene.source_location import SourceLocation
 from glpath.system.files import read_bytes, reason_of
+from glpath.system.numerals import unsigned
 
 Point = tuple[float, float, float]
 Ring = Annotated[list[Point], Meta(min_length=3)]
@@ -196,8 +197,8 @@ def _named(error: msgspec.ValidationError, data: Any, location: SourceLocation) 
         if isinstance(data, dict):
             name = data.get("identifier", name)
             location, data = location.field(key), data.get(key)
-        elif isinstance(data, list) and key.isdecimal():
-            location, data = location.item(int(key)), data[int(key)]
+        elif isinstance(data, list) and (number := unsigned(key)) is not None:
+            location, data = location.item(number), data[number]
     if isinstance(data, dict):
         name = data.get("identifier", name)
     of = f'of "{name}" ' if isinstance(name, str) and name else ""

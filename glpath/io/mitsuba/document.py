@@ -15,7 +15,7 @@ from xml.parsers import expat
 from glpath.errors import SceneError
 from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation, shown
-from glpath.system.files import read_bytes, reason_of
+from glpath.system.files import absence_of, read_bytes, reason_of
 from glpath.system.suggestions import listed_names, similar_names
 from glpath.system.time_limit import check_time
 
@@ -168,7 +168,7 @@ class _Reader:
             raise location.error(f"includes files in each other, more than {_DEEPEST} deep.", "Is it a circle?")
         if not os.path.isfile(path):
             raise location.error(
-                f"names {path}, which {'is not a file' if os.path.exists(path) else 'does not exist'}.",
+                f"names {path}, which {absence_of(path)}.",
                 nearby_files("Files", path, (".xml",)),
             )
         self._files += 1
