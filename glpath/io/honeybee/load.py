@@ -60,7 +60,8 @@ def read_honeybee(
     path: Path,
     *,
     overcast: Annotated[
-        float, Meta(ge=0, description="lx that a CIE overcast sky gives on open ground; 0 for no sky")
+        float,
+        Meta(ge=0, le=LARGEST, description="0 to 1e15 lx that a CIE overcast sky gives on open ground; 0: no sky"),
     ] = 0.0,
     ground: Annotated[
         float, Meta(ge=0, le=1, description="a number from 0 to 1, the reflectance of the ground below that sky")
