@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.ma import MaskedArray
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import SceneError, UsageError
-from glpath.system.arguments import checked
+from glpath.errors import SceneError
+from glpath.system.arguments import checked, real_array
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -48,7 +50,7 @@ class HeightField:
     @classmethod
     def of(
         cls,
-        heights: ArrayLike,
+        heights: ArrayLike | MaskedArray[Any, Any],
         spacing: float | tuple[float, float] = 1.0,
         origin: tuple[float, float] = (0.0, 0.0),
         *,
@@ -66,13 +68,17 @@ class HeightField:
         """
         try:
             given = np.ma.getdata(heights) if np.ma.isMaskedArray(heights) else np.asarray(heights)
+            if given.ndim != 2 or min(given.shape) < 2 or np.iscomplexobj(given):
+                raise SceneError(
+                    f"{source}: has heights of shape {given.shape}, but needs (rows, columns) of 2 x 2 at least."
+                )
             values = given.astype(np.float32)
+        except MemoryError:
+            raise SceneError(
+                f"{source}: heights of shape {given.shape} do not fit into memory.", "Divide the field into parts."
+            ) from None
         except (TypeError, ValueError, OverflowError):
             raise SceneError(f"{source}: heights are no array of numbers.") from None
-        if values.ndim != 2 or min(values.shape) < 2 or np.iscomplexobj(given):
-            raise SceneError(
-                f"{source}: has heights of shape {np.shape(given)}, but needs (rows, columns) of 2 x 2 at least."
-            )
         if np.ma.isMaskedArray(heights):
             values[np.ma.getmaskarray(heights)] = np.nan
         if mask is not None:
@@ -138,17 +144,15 @@ class HeightField:
 
     def grid_positions(self, points: Float64) -> Float64:
         """Return the column and the row (N, 2) of points (N, 2 or 3), as fractional numbers."""
-        if np.ndim(points) != 2 or np.shape(points)[1] not in (2, 3):
-            raise UsageError(f"points: of shape {np.shape(points)} where (N, 2) or (N, 3) is needed")
-        return np.asarray((np.asarray(points)[:, :2] - self.origin) / (self.spacing[0], -self.spacing[1]))
+        return np.asarray((_points(points)[:, :2] - self.origin) / (self.spacing[0], -self.spacing[1]))
 
     def heights_at(self, points: ArrayLike) -> Float64:
         """Return heights (N,) of the surface at points (N, 2 or 3); NaN outside the field and in holes."""
-        return self._planes_at(np.asarray(points, np.float64))[0]
+        return self._planes_at(_points(points))[0]
 
     def normals_at(self, points: ArrayLike) -> Float32:
         """Return unit normals (N, 3) of the triangles at points (N, 2 or 3); upward if a point has no triangle."""
-        _, east, south = self._planes_at(np.asarray(points, np.float64))
+        _, east, south = self._planes_at(_points(points))
         slopes = [-east / self.spacing[0], south / self.spacing[1], np.ones_like(east)]
         normals = np.stack(slopes, axis=1)
         normals[np.isnan(normals).any(axis=1)] = 0.0, 0.0, 1.0
@@ -201,3 +205,9 @@ class HeightField:
             np.negative(np.nan_to_num(slope, copy=False), out=result[..., component])
         result /= np.linalg.norm(result, axis=2, keepdims=True)
         return result
+
+
+def _points(given: ArrayLike) -> Float64:
+    """Return points (N, 2) or (N, 3) as float64. Raises UsageError for another shape."""
+    points: Float64 = real_array("points", given, "(N, 2) or (N, 3)", lambda s: len(s) == 2 and s[1] in (2, 3))
+    return points
