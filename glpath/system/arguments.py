@@ -253,7 +253,7 @@ def _large_integer(values: Iterable[Any]) -> int | None:
     """Return an integer of more than 64 bits in nested values; None if there is none.
 
     The search goes level by level, so that built-in functions such as `map` visit the elements of long lists, which
-    is fast.
+    is fast. Methods of derived classes are not called, because they may raise errors.
     """
     level = list(values)
     for _ in range(_DEPTH):
@@ -266,9 +266,11 @@ def _large_integer(values: Iterable[Any]) -> int | None:
                     if not _SMALLEST <= extreme <= _LARGEST:
                         return int(extreme)
             elif issubclass(kind, _LISTS):
-                nested += [each for each in level if type(each) is kind]
+                plain: Any = next(base for base in _LISTS if issubclass(kind, base))
+                nested += [plain.__iter__(each) for each in level if type(each) is kind]
             elif issubclass(kind, dict):
-                nested += [part for each in level if type(each) is kind for part in (each, each.values())]
+                of_kind = [each for each in level if type(each) is kind]
+                nested += [part for each in of_kind for part in (dict.keys(each), dict.values(each))]
             elif kind.__name__ == "ndarray":
                 nested += [each.ravel() for each in level if _is_array(each) and each.dtype.kind == "O"]
         if not nested:
