@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import ImageError, UsageError
 from glpath.film.image import luminance
-from glpath.system.arguments import checked, short_repr
+from glpath.system.arguments import checked, real_array, short_repr
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -130,14 +130,15 @@ def _check_epsilon(epsilon: float) -> None:
 
 def matching_pair(image: ArrayLike, reference: ArrayLike) -> tuple[Float64, Float64]:
     """Return both images as (H, W, 3) float64. Raises ImageError for shapes that differ, NaN or infinity."""
-    a, b = np.asarray(image, np.float64), np.asarray(reference, np.float64)
-    if a.shape != b.shape:
+    size, wanted = np.shape(image), np.shape(reference)
+    if size != wanted:
         raise ImageError(
-            f"compare: the picture is {_size(a)} and the reference {_size(b)}; they must be of one size.",
+            f"compare: the picture is {_size(size)} and the reference {_size(wanted)}; they must be of one size.",
             "Make both of one size: a render by its resolution and crop, a plot by its figsize and dpi.",
         )
-    if a.ndim != 3 or a.shape[2] != 3 or a.size == 0:
-        raise ImageError(f"compare: found arrays of shape {a.shape}, expected (H, W, 3).")
+    if len(size) != 3 or size[2] != 3 or 0 in size:
+        raise ImageError(f"compare: found arrays of shape {size}, expected (H, W, 3).")
+    a, b = real_array("image", image), real_array("reference", reference)
     for name, array in (("picture", a), ("reference", b)):
         broken = int(np.count_nonzero(~np.isfinite(array).all(axis=-1)))
         if broken:
@@ -145,5 +146,5 @@ def matching_pair(image: ArrayLike, reference: ArrayLike) -> tuple[Float64, Floa
     return a, b
 
 
-def _size(array: Float64) -> str:
-    return f"{array.shape[1]} x {array.shape[0]}" if array.ndim == 3 else f"of shape {array.shape}"
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]} x {shape[0]}" if len(shape) == 3 else f"of shape {shape}"

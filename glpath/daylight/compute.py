@@ -186,7 +186,7 @@ def daylight_coefficients(
         if receiver != "sphere":
             raise UsageError(f"normals: none, but a {receiver} has one.", "Give them, or take receiver='sphere'.")
         normals = [0.0, 0.0, 1.0]
-    positions, facing = checked_points(points, normals, "daylight_coefficients")
+    positions, facing = checked_points(points, normals)
     patches = SkyPatches(subdivision)
     with aside("camera", "light"):
         loaded = load_scene(scene, parameters)

@@ -162,8 +162,8 @@ def visible(
     Memory holds the points and 32 directions; with a stream, as many directions as fit in 64 MiB. Points see
     through thin glass, even if it transmits only a part of the light.
     """
-    positions, facing = checked_points(points, normals, "visible")
-    _, toward = checked_points(directions, directions, "visible: directions")
+    positions, facing = checked_points(points, normals)
+    _, toward = checked_points(directions, directions)
     with aside("camera", "light"):
         loaded = load_scene(scene)
     context = open_context()

@@ -18,6 +18,12 @@ MAX_VALUES = 1 << 20
 _PARTS = 100
 
 
+def scaled(values: Float64, factor: float) -> Float64:
+    """Return values >= 0 times a factor, either of which may be infinite; 0 times infinity is 0."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.where(values > 0, values * factor, 0.0)
+
+
 def all_around(c: Float64, candela: Float64) -> tuple[Float64, Float64]:
     """Return C angles that begin at 0 and end at 360 degrees, and the candela in each plane.
 

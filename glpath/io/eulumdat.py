@@ -32,7 +32,7 @@ from typing import NoReturn
 import numpy as np
 
 from glpath.errors import warn
-from glpath.io.c_planes import MAX_ANGLES, MAX_VALUES, all_around, on_regular_grid
+from glpath.io.c_planes import MAX_ANGLES, MAX_VALUES, all_around, on_regular_grid, scaled
 from glpath.io.values import LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.profile import LightProfile
@@ -108,7 +108,7 @@ class _Reader:
                 f"have {len(c) * gammas:,}"
             )
         values = np.array([self._number("an intensity", 0.0) for _ in range(rest)]).reshape(len(c), gammas)
-        candela = values * (factor * lumens / 1000.0)
+        candela = scaled(values, factor * lumens / 1000.0)
         if candela.max() > LARGEST:
             self._wrong(f"an intensity of up to {candela.max():.3g} cd; at most {LARGEST:g} are taken")
         if symmetry == 3:

@@ -24,7 +24,7 @@ from glpath.io.load import scene_of
 from glpath.io.meshes import mesh_of_trimesh
 from glpath.scene.model import Light, Mesh, Scene, Shapes, Texture, moved_textures, shapes_are_built_by
 from glpath.scene.source_location import PythonLocation, SourceLocation, shown
-from glpath.system.arguments import short_repr
+from glpath.system.arguments import plain_dictionary, short_repr
 from glpath.system.suggestions import listed_names
 
 if TYPE_CHECKING:
@@ -44,7 +44,9 @@ def is_made_in_python(scene: object) -> bool:
 
 def scene_from_python(scene: Any) -> Scene:
     """Return the scene of a dictionary, a `trimesh.Trimesh` or a `trimesh.Scene`; see `load_scene`."""
-    if _of_trimesh(scene, "Trimesh"):
+    if isinstance(scene, Mapping):
+        scene = plain_dictionary("scene", scene)
+    elif _of_trimesh(scene, "Trimesh"):
         scene = {"shapes": [{"mesh": scene}], "unit": "photometric"}
     elif _of_trimesh(scene, "Scene"):
         found, others = lights(scene)

@@ -28,7 +28,7 @@ from typing import NoReturn
 import numpy as np
 
 from glpath.errors import warn
-from glpath.io.c_planes import MAX_ANGLES, MAX_VALUES, all_around, on_regular_grid
+from glpath.io.c_planes import MAX_ANGLES, MAX_VALUES, all_around, on_regular_grid, scaled
 from glpath.io.values import LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.profile import LightProfile
@@ -99,7 +99,7 @@ class _Reader:
         self._check_around(c)
         candela = np.array([self._number("candela", 0.0) for _ in range(rows * columns)]).reshape(columns, rows)
         self._check_end()
-        candela = np.concatenate([candela, candela[: len(c) - columns]]) * factor
+        candela = scaled(np.concatenate([candela, candela[: len(c) - columns]]), factor)
         if candela.max() > LARGEST:
             self._wrong(f"{candela.max():.3g} candela; at most {LARGEST:g} are taken")
         return on_regular_grid(*all_around(c, candela), gamma)

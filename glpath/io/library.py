@@ -41,7 +41,7 @@ from glpath.io.up_axis import Up
 from glpath.scene import tessellate
 from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation, shown
-from glpath.system.arguments import checked
+from glpath.system.arguments import checked, path_text
 from glpath.system.files import shipped_folder
 from glpath.system.suggestions import similar_names
 from glpath.system.time_limit import named_work, without_limit_if_resumed
@@ -110,7 +110,7 @@ def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
             f"load_scene: found {type(scene).__name__}, where a scene is needed.",
             "A file or the name of a shipped scene, a Scene, a dictionary as TOML has it, or trimesh's.",
         )
-    text = os.fspath(scene)
+    text = scene if isinstance(scene, str) else path_text("scene", scene)
     if isinstance(scene, str) and text in GENERATED:
         return _made(GENERATED[text], SourceLocation(text), parameters)
     path = Path(text)
@@ -300,7 +300,9 @@ def _made(
         try:
             values[key] = convert(value, hints[key], strict=False)
         except msgspec.ValidationError as error:
-            raise location.field(key).wrong(value, known[key][1], f"The default is {known[key][0]}.") from error
+            default = known[key][0]
+            remedy = "Leave it out for the default." if default in ("", None) else f"The default is {default}."
+            raise location.field(key).wrong(value, known[key][1], remedy) from error
     return make(*given, **values)
 
 

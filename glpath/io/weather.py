@@ -12,8 +12,10 @@ Source:   EnergyPlus 24.1, Auxiliary programs: EPW data dictionary. Wilcox & Mar
 from __future__ import annotations
 
 import io
+import math
 import re
 from dataclasses import dataclass
+from datetime import date
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -27,7 +29,7 @@ from glpath.scene.model import Float64
 from glpath.scene.perez_sky import PRECIPITABLE_WATER, PerezSky, extraterrestrial, precipitable_water
 from glpath.scene.source_location import shown
 from glpath.system.files import read_bytes, reason_of
-from glpath.system.numerals import real, unsigned
+from glpath.system.numerals import real, unsigned, whole
 
 #: Suffixes of weather files.
 WEATHER_FILES = (".epw", ".csv")
@@ -203,6 +205,8 @@ def _plain_epw(text: str, path: Path) -> tuple[str, list[int]]:
         if line.strip()
     }
     rows = _with_hours_from_one(_without_leap_day(rows, lines[:first], path), path)
+    for number, row in rows.items():
+        _check_time(row, f"{path}: line {number}")
     head = [lines[0], *["-"] * (_EPW_HEAD - 1)]
     return "\n".join([*head, *(",".join(row) for row in rows.values())]) + "\n", list(rows)
 
@@ -231,6 +235,20 @@ def _with_hours_from_one(rows: dict[int, list[str]], path: Path) -> dict[int, li
     return {line: [*row[:3], str(int(row[3]) + 1), *row[4:]] for line, row in rows.items()}
 
 
+def _check_time(row: list[str], location: str) -> None:
+    """Raise SceneError unless the year, month, day and hour of an EPW row exist. Hours are from 1 to 24."""
+    try:
+        year, month, day, hour = map(whole, row[:4])
+        date(year, month, day)
+    except (ValueError, OverflowError):
+        hour = 0
+    if not 1 <= hour <= 24:
+        raise SceneError(
+            f"{location} has {', '.join(map(shown, row[:4]))} as year, month, day and hour, which is no hour.",
+            "Months are 1 to 12, days 1 to 31 at most, and hours 1 to 24.",
+        )
+
+
 def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
     if "Date (MM/DD/YYYY)" not in text[:2000]:
         raise SceneError(
@@ -255,13 +273,17 @@ def _check_head(text: str, path: Path, first: int) -> None:
 
     first : index of the word that holds the latitude
     """
-    for word in text.partition("\n")[0].split(",")[first : first + 4]:
+    remedy = "The line has the latitude, the longitude, the time zone and the altitude."
+    words = text.splitlines()[0].split(",")
+    if len(words) < first + 4:
+        raise SceneError(f"{path}: has {len(words)} fields in line 1 where {first + 4} or more are needed.", remedy)
+    for word in words[first : first + 4]:
         try:
-            real(word)
+            if not math.isfinite(real(word)):
+                raise ValueError
         except ValueError:
             raise SceneError(
-                f"{path}: has {shown(word.strip())} in line 1, which is not a number.",
-                "The line has the latitude, the longitude, the time zone and the altitude.",
+                f"{path}: has {shown(word.strip())} in line 1, which is not a finite number.", remedy
             ) from None
 
 
@@ -275,8 +297,10 @@ def _parsed(reader: str, text: str, path: Path, **how: Any) -> tuple[Any, dict[s
         raise
     # Broken files make pvlib and pandas raise exceptions of any kind.
     except Exception as error:
+        # Leave out the advice of pandas to its callers.
+        reason = (str(error).splitlines() or [""])[0].partition(" You might want")[0]
         raise SceneError(
-            f"{path}: is broken: {type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}",
+            f"{path}: is broken: {type(error).__name__}: {reason}",
             "A row an hour, after the head of the format.",
         ) from error
     return table, site
@@ -387,12 +411,12 @@ def _column(table: Any, name: str, source: str) -> Float64:
     column = table[name]
     if column.dtype.kind in "fiu":
         return np.array(column, np.float64)
-    for row, value in enumerate(column, start=1):
+    for line, value in zip(table["line"], column, strict=True):
         try:
             real(str(value))
         except ValueError:
             raise SceneError(
-                f"{source}: has {shown(str(value))} in row {row} of {name}, which is not a number."
+                f"{source}: has {shown(str(value))} as {name} in line {line}, which is not a number."
             ) from None
     return np.array([real(str(value)) for value in column])
 

@@ -34,7 +34,7 @@ from glpath.rendering.uniformity import Spread, spread_of
 from glpath.scene import Environment, Scene
 from glpath.scene.maintenance import maintained
 from glpath.sensors.sensor import PointSensor
-from glpath.system.arguments import check_word, checked
+from glpath.system.arguments import check_word, checked, real_array
 from glpath.system.frames import data_frame, data_set
 
 Float64 = NDArray[np.float64]
@@ -171,9 +171,9 @@ class Irradiance:
         return {"unit": self.unit, "path_sets": self.film.path_sets}
 
     def _checked(self, points: ArrayLike) -> Float64:
-        positions = np.asarray(points, np.float64)
-        if positions.shape != (self.count, 3):
-            raise UsageError(f"points: of shape {positions.shape}, but ({self.count}, 3) were measured.")
+        positions: Float64 = real_array(
+            "points", points, f"({self.count}, 3), the number of measured points,", (self.count, 3).__eq__
+        )
         return positions
 
     def _of_points(self, radiance: Float64) -> Float64:
@@ -233,7 +233,7 @@ def irradiance(
     """
     run_options, chosen = RunOptions.taken_from(options)
     check_word("receiver", receiver, get_args(Receiver))
-    positions, facing = checked_points(points, normals, "irradiance")
+    positions, facing = checked_points(points, normals)
     if receiver == "cylinder":
         facing = _around(facing)
     with aside("camera", "light"):
@@ -288,23 +288,14 @@ def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> S
     return own
 
 
-def checked_points(points: ArrayLike, normals: ArrayLike, caller: str) -> tuple[Float64, Float64]:
-    """Return points and unit normals (N, 3). Raises UsageError with the first invalid point.
-
-    caller : beginning of error messages
-    """
-    try:
-        given = np.asarray(points), np.asarray(normals)
-        if any(np.iscomplexobj(each) for each in given):
-            raise TypeError
-        positions, facing = (each.astype(np.float64) for each in given)
-    except (TypeError, ValueError):
-        raise UsageError(f"{caller}: points and normals where arrays of numbers are needed") from None
-    if positions.ndim != 2 or positions.shape[1:] != (3,) or not len(positions):
-        raise UsageError(f"points: of shape {positions.shape} where (N, 3) is needed, and one point at least")
-    if facing.shape not in (positions.shape, (3,)):
-        raise UsageError(f"normals: of shape {facing.shape} where {positions.shape} or (3,) is needed")
-    facing = np.broadcast_to(facing, positions.shape)
+def checked_points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Float64]:
+    """Return points and unit normals (N, 3). Raises UsageError with the first invalid point."""
+    positions: Float64 = real_array(
+        "points", points, "(N, 3), N > 0,", lambda shape: len(shape) == 2 and shape[0] > 0 and shape[1] == 3
+    )
+    shapes = {positions.shape, (3,)}
+    given = real_array("normals", normals, f"{positions.shape} or (3,)", shapes.__contains__)
+    facing = np.broadcast_to(given, positions.shape)
     with np.errstate(invalid="ignore", over="ignore"):
         longest = np.abs(facing).max(axis=1, keepdims=True)
         # Scale extreme vectors first, because squares of the smallest are 0 and of the largest infinite.
@@ -322,7 +313,7 @@ def checked_points(points: ArrayLike, normals: ArrayLike, caller: str) -> tuple[
             if wrong.any():
                 first = int(np.flatnonzero(wrong)[0])
                 found = (
-                    positions[first] if what == "points" else np.broadcast_to(given[1], positions.shape)[first]
+                    positions[first] if what == "points" else np.broadcast_to(given, positions.shape)[first]
                 ).tolist()
                 raise UsageError(f"{what}[{first}]: {found} where {allowed} needed")
     return positions, facing / length[:, None]

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from glpath.errors import UsageError
 from glpath.scene.choices import Projection
 from glpath.scene.geometry import Float64
-from glpath.system.arguments import check_count, checked, checked_fields, short_repr
+from glpath.system.arguments import check_count, checked, checked_fields, real_array, short_repr
 from glpath.system.pyrr_matrices import matrix33
 
 # Azimuths of the eye in `framing`, degrees from the front towards the right: for a box as wide as deep, and for a
@@ -282,17 +282,15 @@ class Camera:
 
 def _hold_arrays(of: Camera | CameraKey) -> None:
     for name in ("position", "target", "up"):
-        vector = np.asarray(getattr(of, name), np.float64)
-        if vector.shape != (3,):
-            raise UsageError(f"{name}: {short_repr(getattr(of, name))} where three numbers are needed")
-        object.__setattr__(of, name, vector)
+        vector = getattr(of, name)
+        if np.shape(vector) != (3,):
+            raise UsageError(f"{name}: {short_repr(vector)} where three numbers are needed")
+        object.__setattr__(of, name, real_array(name, vector))
 
 
 def _vectors(name: str, given: ArrayLike, size: int) -> Float64:
     """Return an array (..., size). Raises UsageError for another shape."""
-    found = np.asarray(given, np.float64)
-    if found.shape[-1:] != (size,):
-        raise UsageError(f"{name}: an array of shape {found.shape} where (..., {size}) is needed")
+    found: Float64 = real_array(name, given, f"(..., {size})", lambda shape: shape[-1:] == (size,))
     return found
 
 

@@ -5,6 +5,7 @@ Poor at:  lens distortion, and pixels whose sides are not perpendicular: undisto
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 from glpath.errors import UsageError
 from glpath.scene.camera import Camera
 from glpath.scene.geometry import Float64
-from glpath.system.arguments import checked, short_repr
+from glpath.system.arguments import checked, real_array, short_repr
 
 Convention = Literal["opengl", "opencv"]
 CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
@@ -55,7 +56,7 @@ def camera(
     """
     if convention not in CONVENTIONS:
         raise UsageError(f"convention: {short_repr(convention)} where one of {', '.join(CONVENTIONS)} is needed.")
-    matrix = _pose(_numbers("pose", pose), "pose")
+    matrix = _pose(_numbers("pose", pose, "(4, 4) or (3, 4)", {(4, 4), (3, 4)}.__contains__), "pose")
     return _camera(matrix, *_intrinsics(K, resolution), convention)
 
 
@@ -63,10 +64,8 @@ def cameras(
     poses: ArrayLike, K: ArrayLike, resolution: tuple[int, int] | None, convention: Convention
 ) -> list[Camera]:
     """Return the cameras of poses (N, 4, 4) or (N, 3, 4), or of a single pose; other parameters as for `camera`."""
-    found = _numbers("poses", poses)
+    found = _numbers("poses", poses, "(N, 4, 4) or (N, 3, 4)", _fits_poses)
     found = found[None] if found.ndim == 2 else found
-    if found.ndim != 3 or found.shape[1:] not in ((4, 4), (3, 4)) or not len(found):
-        raise UsageError(f"poses: of shape {np.shape(poses)} where (N, 4, 4) or (N, 3, 4) is needed.")
     matrices = [_pose(each, f"poses[{number}]") for number, each in enumerate(found)]
     intrinsics, size = _intrinsics(K, resolution)
     return [_camera(each, intrinsics, size, convention) for each in matrices]
@@ -87,12 +86,13 @@ def _camera(pose: Float64, K: Float64, resolution: tuple[int, int], convention: 
     )
 
 
-def _numbers(name: str, given: Any) -> Float64:
-    """Return `given` as a float64 array. Raises UsageError if it is not an array of finite numbers."""
-    try:
-        found = np.asarray(given, np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise UsageError(f"{name}: no array of numbers.", "Give a numpy array, or lists.") from error
+def _fits_poses(shape: tuple[int, ...]) -> bool:
+    return len(shape) in (2, 3) and shape[-2:] in ((4, 4), (3, 4)) and 0 not in shape
+
+
+def _numbers(name: str, given: Any, allowed: str, fits: Callable[[tuple[int, ...]], bool]) -> Float64:
+    """Return `given` as a float64 array of finite numbers; see `real_array`. Raises UsageError."""
+    found: Float64 = real_array(name, given, allowed, fits)
     if not np.isfinite(found).all():
         raise UsageError(f"{name}: has numbers that are not finite.")
     return found
@@ -100,8 +100,6 @@ def _numbers(name: str, given: Any) -> Float64:
 
 def _pose(found: Float64, name: str) -> Float64:
     """Return the first three rows of a pose. Raises UsageError unless it is a rotation and a translation."""
-    if found.shape not in ((4, 4), (3, 4)):
-        raise UsageError(f"{name}: of shape {found.shape} where (4, 4) or (3, 4) is needed.")
     turn = found[:3, :3]
     if len(found) == 4 and not np.allclose(found[3], [0, 0, 0, 1]):
         raise UsageError(
@@ -121,9 +119,7 @@ def _intrinsics(given: ArrayLike, resolution: tuple[int, int] | None) -> tuple[F
 
     resolution : (width, height); None: twice the principal point, rounded
     """
-    K = _numbers("K", given)
-    if K.shape != (3, 3):
-        raise UsageError(f"K: of shape {K.shape} where (3, 3) is needed.")
+    K = _numbers("K", given, "(3, 3)", (3, 3).__eq__)
     fx, fy = K[0, 0], K[1, 1]
     if not (fx > 0 and fy > 0):
         raise UsageError(

@@ -132,8 +132,8 @@ def checked(function: Function, namespace: Mapping[str, Any] | None = None) -> F
 
     The wrapper raises UsageError for an argument whose type the annotation does not allow, and for an integer of
     more than 64 bits in any argument. NumPy's integers and bools are passed on as int and bool, and other real
-    numbers as float. Objects of subclasses of int, float and str are passed on as int, float and str, because the
-    text of a subclass may raise an error in a message.
+    numbers as float. Objects of subclasses of int, float and str are passed on as int, float and str; dictionaries,
+    paths and arrays of other types as dict, str and numpy array. So a method that raises an error raises it here.
     """
     if isinstance(function, type):
         for name, member in list(vars(function).items()):
@@ -173,10 +173,12 @@ class _Type(NamedTuple):
 
     accepts : function that returns True for allowed values
     needed  : description of allowed values for messages
+    convert : function that converts an allowed value to a built-in type or to numpy's array
     """
 
     accepts: _Accepts
     needed: str
+    convert: Callable[[Any], Any] = lambda value: value
 
 
 class _Parameters(NamedTuple):
@@ -206,11 +208,7 @@ class _Parameters(NamedTuple):
         return cls(tuple(positional), types, frozenset(plain))
 
     def check(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Raise UsageError for wrong arguments; return arguments that must be converted, by name.
-
-        NumPy's bools and integers are converted to bool and int, other real numbers to float. Objects of other
-        subclasses of int, float and str are converted to the class itself.
-        """
+        """Raise UsageError for wrong arguments; return converted arguments by name."""
         if _large_integer(given.values()) is not None:
             for name, value in given.items():
                 if (large := _large_integer([value])) is not None:
@@ -222,24 +220,75 @@ class _Parameters(NamedTuple):
         for name, value in given.items():
             if (name, type(value)) in self.plain or name not in self.types:
                 continue
-            if not any(_accepts(each, value) for each in self.types[name]):
-                raise _wrong(name, value, [each.needed for each in self.types[name]])
-            if type(value).__module__ == "numpy" and (_is_flag(value) or _is_whole(value)):
-                converted[name] = value.item()
-            elif (plain := _without_subclass(value)) is not value:
-                converted[name] = plain
-            elif not isinstance(value, int | float) and isinstance(value, Real):
+            failure = None
+            for each in self.types[name]:
                 try:
-                    converted[name] = float(value)
-                except OverflowError:
-                    raise _wrong(name, value, ["a number that fits into 64 bits"]) from None
+                    if each.accepts(value):
+                        plain = each.convert(value)
+                        break
+                except Exception as error:  # methods of an object may raise any error
+                    failure = error
+            else:
+                raise _wrong(name, value, [each.needed for each in self.types[name]], failure) from failure
+            if plain is not value:
+                converted[name] = plain
         return converted
 
 
-def _wrong(name: str, value: object, needed: Sequence[str]) -> UsageError:
-    """Return the error for an argument of a wrong type."""
+def path_text(name: str, value: object) -> str:
+    """Return the text of a path. Raises UsageError, also if its methods raise an error."""
+    return str(_converted(name, value, _NAMED["Path"]))
+
+
+def plain_dictionary(name: str, value: object) -> dict[str, Any]:
+    """Return a copy of a dictionary-like object. Raises UsageError, also if its methods raise an error."""
+    return dict(_converted(name, value, _NAMED["Mapping"]))
+
+
+def _converted(name: str, value: object, kind: _Type) -> Any:
+    return _Parameters((), {name: (kind,)}, frozenset()).check({name: value}).get(name, value)
+
+
+def real_array(
+    name: str, value: Any, allowed: str = "", fits: Callable[[tuple[int, ...]], bool] = lambda shape: True
+) -> Any:
+    """Return the value as a float64 array. The shape is checked before values are copied.
+
+    allowed : allowed shapes, for messages
+    fits    : function that returns True for allowed shapes
+
+    Raises UsageError.
+    """
+    import numpy as np
+
+    shape = None
+    try:
+        found = np.asarray(value)
+        shape = found.shape
+        if fits(shape):
+            if found.dtype.kind in "mMcSU":
+                raise TypeError
+            return np.asarray(found, np.float64)
+    except MemoryError:
+        raise UsageError(f"{name}: of shape {shape} does not fit into memory", "Divide it into parts.") from None
+    except Exception:  # elements may raise any error
+        raise UsageError(f"{name}: {short_repr(value)} where an array of numbers is needed") from None
+    raise UsageError(f"{name}: of shape {shape} where {allowed} is needed")
+
+
+def _wrong(name: str, value: object, needed: Sequence[str], failure: Exception | None = None) -> UsageError:
+    """Return the error for an argument of a wrong type.
+
+    failure : error that a method of the value raised
+    """
     remedy, kind = "", type(value)
-    if issubclass(kind, str) and "a Film" in needed:
+    if isinstance(failure, OverflowError):
+        remedy = "Numbers must fit into 64 bits."
+    elif failure is not None:
+        remedy = f"A method of the {_class_name(kind)} raised {short_repr(failure)}."
+    elif _is_masked(value):
+        remedy = "Masked values are no numbers: leave them out, or replace them with filled()."
+    elif issubclass(kind, str) and "a Film" in needed:
         remedy = "glpath.Film.load reads a film from its file."
     elif issubclass(kind, str) and any("number" in each for each in needed):
         remedy = "Write numbers without quotation marks."
@@ -252,31 +301,11 @@ def _wrong(name: str, value: object, needed: Sequence[str]) -> UsageError:
     return UsageError(f"{name}: {short_repr(value)} where {allowed} is needed", remedy)
 
 
-def _accepts(allowed: _Type, value: object) -> bool:
-    """Return True if the type allows the value; False if the value raises an error when it is examined."""
-    try:
-        return allowed.accepts(value)
-    except Exception:  # attributes of an object may raise any error, even `__class__`
-        return False
-
-
-def _without_subclass(value: Any) -> Any:
-    """Return an object of a subclass of int, float or str as int, float or str; other objects are unchanged.
-
-    NumPy's classes are unchanged.
-    """
-    if type(value).__module__ != "numpy":
-        for kind, convert in ((str, str.__str__), (int, int.__int__), (float, float.__float__)):
-            if issubclass(type(value), kind) and type(value) not in (kind, bool):
-                return convert(value)
-    return value
-
-
 def _large_integer(values: Iterable[Any]) -> int | None:
     """Return an integer of more than 64 bits in nested values; None if there is none.
 
     The search goes level by level, so that built-in functions such as `map` visit the elements of long lists, which
-    is fast.
+    is fast. Methods of derived classes are not called, because they may raise errors.
     """
     level = list(values)
     for _ in range(_DEPTH):
@@ -289,9 +318,11 @@ def _large_integer(values: Iterable[Any]) -> int | None:
                     if not _SMALLEST <= extreme <= _LARGEST:
                         return int(extreme)
             elif issubclass(kind, _LISTS):
-                nested += [each for each in level if type(each) is kind]
+                plain: Any = next(base for base in _LISTS if issubclass(kind, base))
+                nested += [plain.__iter__(each) for each in level if type(each) is kind]
             elif issubclass(kind, dict):
-                nested += [part for each in level if type(each) is kind for part in (each, each.values())]
+                of_kind = [each for each in level if type(each) is kind]
+                nested += [part for each in of_kind for part in (dict.keys(each), dict.values(each))]
             elif _class_name(kind) == "ndarray":
                 nested += [each.ravel() for each in level if _is_array(each) and each.dtype.kind == "O"]
         if not nested:
@@ -329,10 +360,10 @@ def _is_time(value: object) -> bool:
 
 
 def _is_path(value: object) -> bool:
+    text = os.fspath(value) if isinstance(value, str | os.PathLike) else b""
     try:
-        text = os.fspath(value) if isinstance(value, str | os.PathLike) else b""
         return isinstance(text, str) and b"\0" not in os.fsencode(text)
-    except Exception:  # a lone surrogate; `__fspath__` of an object may raise any error
+    except UnicodeEncodeError:  # a lone surrogate
         return False
 
 
@@ -345,6 +376,11 @@ def _is_array(value: object) -> bool:
     return type(value).__name__ == "ndarray"
 
 
+def _is_masked(value: Any) -> bool:
+    """Return True for an array with masked values."""
+    return _has_class_name("MaskedArray", value) and bool(value.mask.any())
+
+
 def _is_list(value: Any) -> bool:
     if isinstance(value, (*_LISTS, Sequence)):
         return not isinstance(value, str | bytes)
@@ -352,7 +388,12 @@ def _is_list(value: Any) -> bool:
 
 
 def is_numbers(value: Any) -> bool:
-    """Return True for a number, an array of numbers, nested lists of numbers, or an object that numpy converts."""
+    """Return True for a number, an array of numbers, nested lists of numbers, or an object that numpy converts.
+
+    Masked values are not numbers.
+    """
+    if _is_masked(value):
+        return False
     if _is_array(value) and value.dtype.kind in "fiub":  # most arrays
         return True
     if isinstance(value, list | tuple) or _is_array(value):
@@ -371,6 +412,10 @@ def is_numbers(value: Any) -> bool:
     return _is_number(value) or hasattr(value, "__array__") or hasattr(value, "__array_interface__")
 
 
+def _is_labels(value: Any) -> bool:
+    return not _is_masked(value) and (_is_list(value) or hasattr(value, "__array__"))
+
+
 def _has_class_name(name: str, value: object) -> bool:
     return any(kind.__name__ == name for kind in type(value).__mro__)
 
@@ -379,19 +424,75 @@ def _is_iterable(value: object) -> bool:
     return isinstance(value, Iterable) and not isinstance(value, str | bytes) and getattr(value, "ndim", 1) != 0
 
 
+# Converters of allowed values.
+
+
+def _without_subclass(value: Any) -> Any:
+    """Return an object of a subclass of int, float or str as int, float or str; other objects are unchanged.
+
+    NumPy's classes are unchanged.
+    """
+    if type(value).__module__ != "numpy":
+        for kind, convert in ((str, str.__str__), (int, int.__int__), (float, float.__float__)):
+            if issubclass(type(value), kind) and type(value) not in (kind, bool):
+                return convert(value)
+    return value
+
+
+def _plain_number(value: Any) -> Any:
+    """Return NumPy's bools and integers as bool and int, and other real numbers as float."""
+    value = _without_subclass(value)
+    if isinstance(value, int | float):
+        return value
+    if type(value).__module__ == "numpy" and (_is_flag(value) or _is_whole(value)):
+        return value.item()
+    return float(value) if _is_number(value) else value
+
+
+def _plain_numbers(value: Any) -> Any:
+    return value if _is_array(value) or {*map(type, value)} <= {int, float} else tuple(map(_plain_number, value))
+
+
+def _plain_names(value: Mapping[str, Any]) -> dict[str, Any]:
+    return value if type(value) is dict else dict(value)
+
+
+def _plain_path(value: Any) -> Any:
+    from pathlib import Path
+
+    return value if isinstance(value, Path) else _without_subclass(os.fspath(value))
+
+
+def _plain_array(value: Any) -> Any:
+    """Return an object that numpy converts as numpy's array, lists and arrays as they are."""
+    import numpy as np
+
+    if isinstance(value, (*_LISTS, np.ndarray)):
+        return value
+    plain = _plain_number(value)
+    return np.asarray(value) if plain is value and not isinstance(value, int | float | np.generic) else plain
+
+
+def _plain_real_array(value: Any) -> Any:
+    found = _plain_array(value)
+    if found is not value and not is_numbers(found):
+        raise TypeError(f"its values are of the type {found.dtype}")
+    return found
+
+
 _PATH = "a path without NUL characters and lone surrogates"
 _NAMED: Mapping[str, _Type] = {
     "None": _Type(lambda value: value is None, "None"),
-    "bool": _Type(_is_flag, "True or False"),
-    "int": _Type(_is_whole, "a whole number"),
-    "float": _Type(_is_number, "a number"),
-    "str": _Type(lambda value: isinstance(value, str), "text"),
-    "Path": _Type(_is_path, _PATH),
+    "bool": _Type(_is_flag, "True or False", _plain_number),
+    "int": _Type(_is_whole, "a whole number", _plain_number),
+    "float": _Type(_is_number, "a number", _plain_number),
+    "str": _Type(lambda value: isinstance(value, str), "text", _without_subclass),
+    "Path": _Type(_is_path, _PATH, _plain_path),
     "Callable": _Type(callable, "a function"),
-    "Mapping": _Type(_is_names, "a dictionary whose keys are text"),
+    "Mapping": _Type(_is_names, "a dictionary whose keys are text", _plain_names),
     "Iterable": _Type(_is_iterable, "a list"),
-    "labels": _Type(lambda value: _is_list(value) or hasattr(value, "__array__"), "an array of labels"),
-    "ArrayLike": _Type(is_numbers, "an array of numbers"),
+    "labels": _Type(_is_labels, "an array of labels", _plain_array),
+    "ArrayLike": _Type(is_numbers, "an array of numbers", _plain_real_array),
 }
 
 
@@ -443,7 +544,9 @@ def _type_of(text: str, namespace: Mapping[str, Any]) -> _Type | None:
 
 def _words_type(words: tuple[str, ...]) -> _Type:
     """Return the type for a Literal of words. It accepts any text, because functions check the words themselves."""
-    return _Type(lambda value: isinstance(value, str), " or ".join(f'"{word}"' for word in words))
+    return _Type(
+        lambda value: isinstance(value, str), " or ".join(f'"{word}"' for word in words), _without_subclass
+    )
 
 
 def _tuple_type(parts: Sequence[str], namespace: Mapping[str, Any]) -> _Type | None:
@@ -459,7 +562,7 @@ def _tuple_type(parts: Sequence[str], namespace: Mapping[str, Any]) -> _Type | N
     def accepts(value: Any) -> bool:
         return _is_list(value) and all(map(_is_number, value)) and (of_any_length or len(value) == len(parts))
 
-    return _Type(accepts, f"a tuple of {length}numbers")
+    return _Type(accepts, f"a tuple of {length}numbers", _plain_numbers)
 
 
 def _sequence_type(inner: str, namespace: Mapping[str, Any]) -> _Type:

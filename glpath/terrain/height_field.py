@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.ma import MaskedArray
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import SceneError, UsageError
-from glpath.system.arguments import checked, checked_fields, short_repr
+from glpath.errors import SceneError
+from glpath.system.arguments import checked, checked_fields, real_array, short_repr
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -78,7 +80,7 @@ class HeightField:
     @classmethod
     def of(
         cls,
-        heights: ArrayLike,
+        heights: ArrayLike | MaskedArray[Any, Any],
         spacing: float | tuple[float, float] = 1.0,
         origin: tuple[float, float] = (0.0, 0.0),
         *,
@@ -136,17 +138,15 @@ class HeightField:
 
     def grid_positions(self, points: Float64) -> Float64:
         """Return the column and the row (N, 2) of points (N, 2 or 3), as fractional numbers."""
-        if np.ndim(points) != 2 or np.shape(points)[1] not in (2, 3):
-            raise UsageError(f"points: of shape {np.shape(points)} where (N, 2) or (N, 3) is needed")
-        return np.asarray((np.asarray(points)[:, :2] - self.origin) / (self.spacing[0], -self.spacing[1]))
+        return np.asarray((_points(points)[:, :2] - self.origin) / (self.spacing[0], -self.spacing[1]))
 
     def heights_at(self, points: ArrayLike) -> Float64:
         """Return heights (N,) of the surface at points (N, 2 or 3); NaN outside the field and in holes."""
-        return self._planes_at(np.asarray(points, np.float64))[0]
+        return self._planes_at(_points(points))[0]
 
     def normals_at(self, points: ArrayLike) -> Float32:
         """Return unit normals (N, 3) of the triangles at points (N, 2 or 3); upward if a point has no triangle."""
-        _, east, south = self._planes_at(np.asarray(points, np.float64))
+        _, east, south = self._planes_at(_points(points))
         slopes = [-east / self.spacing[0], south / self.spacing[1], np.ones_like(east)]
         normals = np.stack(slopes, axis=1)
         normals[np.isnan(normals).any(axis=1)] = 0.0, 0.0, 1.0
@@ -204,16 +204,25 @@ class HeightField:
 def _as_heights(heights: ArrayLike, source: str, copy: bool = False) -> Float32:
     """Return heights as float32. Raises SceneError unless they are an array (R, C) of numbers, 2 x 2 at least.
 
+    The shape is checked before values are copied.
+
     copy : True to return a new array in any case
     """
     try:
         given = np.asarray(heights)
+        if given.ndim != 2 or min(given.shape) < 2 or np.iscomplexobj(given):
+            raise SceneError(
+                f"{source}: has heights of shape {given.shape}, but needs (rows, columns) of 2 x 2 at least."
+            )
         with np.errstate(over="ignore"):  # an infinite height is reported with its position
-            values = given.astype(np.float32, copy=copy)
+            return given.astype(np.float32, copy=copy)
+    except MemoryError:
+        raise SceneError(f"{source}: its heights do not fit into memory.", "Divide the field into parts.") from None
     except (TypeError, ValueError, OverflowError):
         raise SceneError(f"{source}: heights are no array of numbers.") from None
-    if values.ndim != 2 or min(values.shape) < 2 or np.iscomplexobj(given):
-        raise SceneError(
-            f"{source}: has heights of shape {np.shape(given)}, but needs (rows, columns) of 2 x 2 at least."
-        )
-    return values
+
+
+def _points(given: ArrayLike) -> Float64:
+    """Return points (N, 2) or (N, 3) as float64. Raises UsageError for another shape."""
+    points: Float64 = real_array("points", given, "(N, 2) or (N, 3)", lambda s: len(s) == 2 and s[1] in (2, 3))
+    return points

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError, warn
 from glpath.scene.geometry import LARGEST
-from glpath.system.arguments import check_array, checked, checked_fields, short_repr
+from glpath.system.arguments import check_array, checked, checked_fields, real_array, short_repr
 from glpath.system.frames import data_set
 from glpath.system.machine import core_count
 from glpath.system.reporting import ProgressEvent
@@ -247,12 +247,14 @@ class Horizon:
 
     def _suns(self, azimuth: ArrayLike, altitude: ArrayLike, weight: ArrayLike, name: str) -> Float64:
         """Return (S, 7) suns above the horizon for `add_suns`, sorted by azimuth, then by falling altitude."""
-        around, up, weights = (np.asarray(each, np.float64) for each in (azimuth, altitude, weight))
-        if around.ndim != 1 or up.shape != around.shape or weights.shape not in ((), around.shape):
+        shape, of_altitude, of_weight = map(np.shape, (azimuth, altitude, weight))
+        if len(shape) != 1 or of_altitude != shape or of_weight not in ((), shape):
             raise UsageError(
-                f"suns: azimuth of shape {around.shape}, altitude {up.shape} and {name} {weights.shape}, where "
+                f"suns: azimuth of shape {shape}, altitude {of_altitude} and {name} {of_weight}, where "
                 "(S,) each are needed."
             )
+        around, up = real_array("azimuth", azimuth), real_array("altitude", altitude)
+        weights = real_array(name, weight)
         weights = np.broadcast_to(weights, around.shape)
         for what, each in (("azimuth", around), ("altitude", up), (name, weights)):
             if not np.isfinite(each).all():
@@ -360,12 +362,10 @@ def _check_settings(azimuths: int, height: float) -> None:
 
 def _points(points: ArrayLike, terrain: HeightField, height: float) -> Float64:
     """Return points (N, 3) on or above the surface; z is NaN for points far below it. Raises UsageError."""
-    try:
-        given = np.array(points, np.float64)
-    except (TypeError, ValueError):
-        raise UsageError("points: where (N, 2) or (N, 3) numbers are needed") from None
-    if given.ndim != 2 or given.shape[1] not in (2, 3) or not len(given):
-        raise UsageError(f"points: of shape {given.shape} where (N, 2) or (N, 3) is needed, and one at least")
+    given = real_array(
+        "points", points, "(N, 2) or (N, 3), N > 0,", lambda s: len(s) == 2 and s[0] > 0 and s[1] in (2, 3)
+    )
+    given = np.array(given)
     if not np.isfinite(given).all():
         first = int(np.flatnonzero(~np.isfinite(given).all(axis=1))[0])
         raise UsageError(f"points[{first}]: {given[first].tolist()} where finite numbers are needed")
@@ -425,14 +425,9 @@ def _facing(normals: Any, terrain: HeightField, points: Float64 | None) -> Float
         if normals != "surface":
             raise UsageError(f'normals: "{normals}", but None, "surface" or an array is needed.')
         return terrain.normals().reshape(-1, 3) if points is None else terrain.normals_at(points)
-    try:
-        given = np.asarray(normals, np.float64)
-    except (TypeError, ValueError):
-        raise UsageError("normals: where (3,) or (N, 3) numbers are needed") from None
     count = math.prod(terrain.shape) if points is None else len(points)
-    if given.shape not in ((3,), (count, 3)):
-        raise UsageError(f"normals: of shape {given.shape} where (3,) or ({count}, 3) is needed")
-    given = given.reshape(-1, 3)
+    allowed = {(3,), (count, 3)}
+    given = real_array("normals", normals, f"(3,) or ({count}, 3)", allowed.__contains__).reshape(-1, 3)
     length = np.linalg.norm(given, axis=1)
     wrong = ~(np.isfinite(length) & (length > 0))
     if wrong.any():

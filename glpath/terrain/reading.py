@@ -22,6 +22,7 @@ from glpath.scene.geometry import LARGEST
 from glpath.system.arguments import checked
 from glpath.system.files import absence_of, absolute_path, check_file, open_file, read_bytes, reading, reason_of
 from glpath.system.npz import check_unfolded, open_npz, read_npy
+from glpath.system.numerals import real
 from glpath.terrain.height_field import HeightField
 
 Float64 = NDArray[np.float64]
@@ -84,7 +85,7 @@ def load_height_field(
     source  : .tif (needs the extra `terrain`), .asc (ESRI ASCII grid), .npy, .npz (`heights`, and optionally
               `spacing`, `origin` and `mask`), or an array (R, C) with row 0 in the north
     spacing : distance between samples, or between columns and between rows, in the unit of the heights; only for an
-              array or .npy; default 1
+              array or .npy; default 1. A `HeightField` and other files have their own
     origin  : x and y of the north-western sample; only for an array or .npy
     holes   : True if heights may be missing: NaN, masked, or equal to the file's no-data value. Holes cast no
               shadow
@@ -93,6 +94,7 @@ def load_height_field(
     sample. Raises SceneError for invalid sources.
     """
     if isinstance(source, HeightField):
+        _refuse_georeference(source.source, spacing, origin)
         return source
     at_corner = (0.0, 0.0) if origin is None else origin
     if not isinstance(source, str | Path):
@@ -107,10 +109,15 @@ def load_height_field(
     given: dict[str, Any] = {"holes": holes}
     if path.suffix.lower() == ".npy":
         return _npy(path, spacing=1.0 if spacing is None else spacing, origin=at_corner, **given)
-    for name, value in (("spacing", spacing), ("origin", origin)):
-        if value is not None:
-            raise SceneError(f"{path}: has a {name} of its own.", f"Leave {name} out.")
+    _refuse_georeference(path, spacing, origin)
     return reader(path, **given)
+
+
+def _refuse_georeference(source: str | Path, spacing: object, origin: object) -> None:
+    """Raise SceneError if a spacing or an origin is given for a source that has its own."""
+    for name, value in (("a spacing", spacing), ("an origin", origin)):
+        if value is not None:
+            raise SceneError(f"{source}: has {name} of its own.", f"Leave {name.split()[1]} out.")
 
 
 def _npy(path: Path, **given: Any) -> HeightField:
@@ -142,7 +149,7 @@ def _ascii_grid(path: Path, holes: bool) -> HeightField:
             break
         position = match.end()
         try:
-            header[match[1].decode().lower()] = float(match[2])
+            header[match[1].decode().lower()] = real(match[2].decode())
         except ValueError:
             found = f"{match[1].decode()} is {_text(match[2])}"
             raise SceneError(f"{path}: {found} where a number is needed.") from None
@@ -172,7 +179,8 @@ def _ascii_grid(path: Path, holes: bool) -> HeightField:
         raise SceneError(f"{path}: has a height that is no number: {_text(wrong)}.") from None
     if len(values) != rows * columns:
         raise SceneError(f"{path}: has {len(values):,} heights where {rows} x {columns} are announced.")
-    no_data = np.float32(header.get("nodata_value", -9999.0))
+    with np.errstate(over="ignore"):  # the lowest float64 becomes -inf, as heights of that value do
+        no_data = np.float32(header.get("nodata_value", -9999.0))
     west = header.get("xllcenter", header.get("xllcorner", 0.0) + 0.5 * apart[0])
     south = header.get("yllcenter", header.get("yllcorner", 0.0) + 0.5 * apart[1])
     if "xllcenter" in header and "yllcenter" not in header:
@@ -283,7 +291,7 @@ def _transform(path: Path, raster: Any) -> Any:
         return raster.transform
     _check_beside(beside, path)
     try:
-        a, d, b, e, x, y = map(float, read_bytes(beside, _MAX_WORLD_BYTES).split())
+        a, d, b, e, x, y = map(real, read_bytes(beside, _MAX_WORLD_BYTES).decode().split())
     except ValueError:  # whose text would quote the file
         raise SceneError(f"{beside}: is no world file of six numbers.", "Remove it, or write it anew.") from None
     return type(raster.transform)(a, b, x - 0.5 * (a + b), d, e, y - 0.5 * (d + e))

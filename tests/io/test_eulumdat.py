@@ -141,6 +141,7 @@ def with_lines(**lines: object) -> list[object]:
         (with_lines(l50="nan"), "line 50 has nan where an intensity is expected"),
         (with_lines(l50=-1), "line 50 has -1 where an intensity is expected, 0 or more"),
         (with_lines(l50=1e30), r"an intensity of up to 1e\+30 cd; at most"),
+        (with_lines(l24=1e300, l29=1e300, l50=0), "an intensity of up to inf cd; at most"),
         (GOOD[:-1], "line 51 has 3 lines of intensities above it, where 2 planes of 2 angles have 4"),
         ([*GOOD, 7], "line 53 has 5 lines of intensities above it"),
         (GOOD[:46], "line 46 has the end of the file above it, where an angle gamma is expected"),

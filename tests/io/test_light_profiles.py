@@ -130,6 +130,10 @@ GOOD = "IESNA91\nTILT=NONE\n1 -1 1 2 1 1 2 0 0 0\n1 1 10\n0 90\n0\n5 1\n"
         (GOOD.replace("5 1", "5 -1"), "line 7 has -1 where candela is expected, 0 or more"),
         (GOOD.replace("5 1", "5 lamp"), "line 7 has 'lamp' where candela is expected"),
         (GOOD.replace("5 1", "5 1e30"), r"line 7 has 1e\+30 candela; at most"),
+        (
+            GOOD.replace("-1 1 2", "-1 1e300 2").replace("1 1 10", "1e300 1 10").replace("5 1", "5 0"),
+            "inf candela; at most",
+        ),
         (GOOD.replace("1 -1 1 2 1", "1 -1 1 5000000000 1"), r"line 3 has 5e\+09 gamma \(vertical\) angles"),
         (GOOD.replace("1 -1 1 2 1", "1 -1 1 7000 7000"), "7000 gamma .* angles, but only"),
         (GOOD.replace("1 -1 1 2 1", "1 -1 1 1 1"), r"line 3 has 1 gamma \(vertical\) angles; expected 2"),

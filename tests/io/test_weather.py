@@ -200,10 +200,18 @@ def test_missing_hours_are_counted(
             lambda i, row: [*row[:3], "1", *row[4:]] if i == 1 else row,
             "its line 10 is of 01-01 00:00, but the hour before, in line 9,",
         ),
-        (lambda i, row: [*row[:13], "?", "?", "?", *row[16:]] if i == 5 else row, r'has "\?" in row 6 of dni'),
-        (lambda i, row: [*row[:14], "1_0", *row[15:]] if i == 5 else row, 'has "1_0" in row 6 of dni'),
-        (lambda i, row: ["x", *row[1:]] if i == 5 else row, "is broken"),
-        (lambda i, row: [*row[:3], "0" if i else "1" * 5000, *row[4:]], "is broken"),
+        (lambda i, row: [*row[:13], "?", "?", "?", *row[16:]] if i == 5 else row, r'has "\?" as dni in line 14,'),
+        (lambda i, row: [*row[:14], "1_0", *row[15:]] if i == 5 else row, 'has "1_0" as dni in line 14,'),
+        (lambda i, row: [*row[:7], "x", *row[8:]] if i == 5 else row, 'has "x" as temp_dew in line 14,'),
+        (lambda i, row: ["x", *row[1:]] if i == 5 else row, 'line 14 has "x", "1", "1", "6" as year'),
+        (lambda i, row: [row[0], "13", *row[2:]] if i == 5 else row, 'line 14 has "2021", "13", "1", "6" as year'),
+        (lambda i, row: [*row[:2], "0", *row[3:]] if i == 5 else row, 'line 14 has "2021", "1", "0", "6" as year'),
+        (
+            lambda i, row: [*row[:3], "-1", *row[4:]] if i == 5 else row,
+            'line 14 has "2021", "1", "1", "-1" as year',
+        ),
+        (lambda i, row: [*row[:3], "\u0661", *row[4:]] if i == 5 else row, "line 14 has .* as year"),
+        (lambda i, row: [*row[:3], "0" if i else "1" * 5000, *row[4:]], "line 9 has .* as year"),
         (lambda i, row: None, "has no hour|is broken"),
     ],
 )
@@ -229,6 +237,8 @@ def test_other_files_are_refused(epw: Path, tmp_path: Path) -> None:
     assert "has no column Date (MM/DD/YYYY)" in told("c.csv", "a,b\n1,2\n")
     assert "has the latitude 147.5" in told("d.epw", None, {"latitude": "147.5"})
     assert 'has "4_7" in line 1' in told("e.epw", None, {"latitude": "4_7"})
+    assert 'has "nan" in line 1' in told("e.epw", None, {"latitude": "nan"})
+    assert "has 2 fields in line 1 where 10" in told("f.epw", "LOCATION,x\n2021,1,1,1\n")
 
 
 def test_a_real_tmy3_file() -> None:

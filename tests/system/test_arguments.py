@@ -8,13 +8,14 @@ import os
 import pickle
 import time
 from collections import ChainMap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 import glpath
 from glpath.compare import relative_mse
@@ -329,6 +330,8 @@ CALLS: dict[str, Callable[[], Any]] = {
     "vast points": lambda: glpath.irradiance(BOX, VAST, UP),
     "vast factor": lambda: glpath.irradiance(BOX, POINT, [UP], maintenance_factor=VAST),
     "vast heights": lambda: glpath.load_height_field(np.full((2, 2), VAST)),
+    "vast origin": lambda: glpath.load_height_field(HEIGHTS, origin=(VAST, 0)),
+    "duration as groups": lambda: glpath.view_factors(FLOOR, groups=np.timedelta64(3, "s")),
     "vast epsilon": lambda: relative_mse(BLACK, BLACK, VAST),
     "image of objects": lambda: relative_mse(np.array([None, 1, "x"], dtype=object), BLACK),
     "relative error of zeros": lambda: relative_mse(BLACK, BLACK, 0),
@@ -472,3 +475,119 @@ def test_an_option_takes_numbers_of_all_kinds() -> None:
 
 def _identity(value: float) -> float:
     return value
+
+
+class RaisingPath(os.PathLike[str]):
+    def __init__(self, text: Any) -> None:
+        self.text = text
+
+    def __fspath__(self) -> str:
+        if self.text is None:
+            raise ValueError("no text")
+        return self.text
+
+
+class RaisingMapping(dict[str, Any]):
+    def keys(self) -> Any:
+        raise RuntimeError("no keys")
+
+    __iter__ = items = keys
+
+
+class RaisingArray:
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise RuntimeError("no array")
+
+
+class Convertible:
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        return np.arange(3)
+
+
+class RaisingAttributes:
+    def __getattr__(self, name: str) -> Any:
+        raise RuntimeError(name)
+
+
+RAISING: dict[str, Callable[[], Any]] = {
+    "scene path": lambda: glpath.load_scene(RaisingPath(None)),  # type: ignore[arg-type]
+    "scene path that is a number": lambda: glpath.load_scene(RaisingPath(3)),  # type: ignore[arg-type]
+    "faces": lambda: glpath.view_factors(RaisingPath(None)),
+    "scene": lambda: glpath.load_scene(RaisingMapping(a=1)),
+    "parameters": lambda: glpath.load_scene("teapot", RaisingMapping(level=1)),
+    "camera": lambda: glpath.render(BOX, camera=RaisingMapping(fov=9)),
+    "pose": lambda: glpath.camera(RaisingArray(), K),  # type: ignore[arg-type]
+    "K": lambda: glpath.camera(POSE, RaisingAttributes()),  # type: ignore[arg-type]
+    "points": lambda: glpath.horizon(HEIGHTS, RaisingArray()),  # type: ignore[arg-type]
+    "groups": lambda: glpath.view_factors(FLOOR, groups=RaisingAttributes()),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("call", RAISING)
+def test_an_argument_whose_methods_raise_is_refused_with_the_error(call: str) -> None:
+    with pytest.raises(UsageError, match=r"\n  A method of the Raising\w+ raised (Value|Type|Runtime)Error"):
+        RAISING[call]()
+
+
+def test_arguments_of_other_types_are_passed_on_as_built_in_ones() -> None:
+    seen: dict[str, Any] = {}
+
+    @checked
+    def call(path: str | Path, table: Mapping[str, int], numbers: ArrayLike, pair: tuple[float, float]) -> None:
+        seen.update(locals())
+
+    call(RaisingPath("a"), ChainMap({"a": 1}), Convertible(), [Fraction(1, 2), 2])  # type: ignore[arg-type]
+    assert (seen["path"], seen["table"], seen["pair"]) == ("a", {"a": 1}, (0.5, 2))
+    assert isinstance(seen["numbers"], np.ndarray)
+    memory = np.arange(3)
+    call("a", {}, memory, (1.0, 2.0))
+    assert seen["numbers"] is memory
+
+
+# Arrays of 10^12 rows without memory of their own.
+LINE, WIDE = np.broadcast_to(np.float32(1), 10**12), np.broadcast_to(np.float32(1), (10**12, 3))
+LARGE: dict[str, Callable[[], Any]] = {
+    "pose": lambda: glpath.camera(WIDE, K),
+    "poses": lambda: list(glpath.render_views(BOX, WIDE, K)),
+    "K": lambda: glpath.camera(POSE, WIDE),
+    "image": lambda: relative_mse(WIDE, WIDE),
+    "heights": lambda: glpath.load_height_field(LINE),
+    "horizon points": lambda: glpath.horizon(HEIGHTS, LINE),
+    "normals": lambda: glpath.horizon(HEIGHTS, None, WIDE),
+    "suns": lambda: glpath.horizon(HEIGHTS).sun_hours(WIDE, [1.0]),
+    "energy": lambda: glpath.horizon(HEIGHTS).direct_irradiation([1.0], [1.0], WIDE),
+    "heights at": lambda: glpath.load_height_field(HEIGHTS).heights_at(LINE),
+    "normals at": lambda: glpath.load_height_field(HEIGHTS).normals_at(LINE),
+    "position": lambda: glpath.load_scene(BOX).with_camera(position=WIDE),
+    "pixels": lambda: glpath.load_scene(BOX).camera.rays(LINE),
+    "points": lambda: glpath.irradiance(BOX, LINE, UP),
+}
+
+
+@pytest.mark.parametrize("call", LARGE)
+def test_the_shape_of_a_large_array_is_checked_before_it_is_copied(call: str) -> None:
+    with pytest.raises(GlpathError, match=r"shape|three numbers"):
+        LARGE[call]()
+
+
+def test_an_array_too_large_for_memory_is_an_error() -> None:
+    for call in (lambda: glpath.horizon(HEIGHTS, WIDE), lambda: glpath.load_height_field(WIDE)):
+        with pytest.raises(GlpathError, match="not fit into memory"):
+            call()
+
+
+MASKED = np.ma.masked_array(np.ones((2, 2, 3)), mask=True)
+MASKS: dict[str, Callable[[], Any]] = {
+    "points": lambda: glpath.horizon(HEIGHTS, MASKED[0]),
+    "normals": lambda: glpath.horizon(HEIGHTS, None, MASKED[0, 0]),
+    "image": lambda: relative_mse(MASKED, BLACK),
+    "groups": lambda: glpath.view_factors(FLOOR, groups=MASKED[0, 0, :1]),
+}
+
+
+@pytest.mark.parametrize("name", MASKS)
+def test_masked_values_are_not_numbers(name: str) -> None:
+    with pytest.raises(UsageError, match=rf"^{name}\b[^\n]*\n  Masked values are no numbers"):
+        MASKS[name]()
+    filled = np.ma.masked_array(np.ones((2, 2, 3)), mask=False)
+    assert relative_mse(filled, filled) == 0

@@ -110,6 +110,7 @@ def test_files_that_are_no_height_field(tmp_path: Path) -> None:
         ("b.asc", "hello\n", "is no ESRI ASCII grid"),
         ("c.asc", ASC + "1 2 3\n", "has 3 heights where 3 x 4 are announced"),
         ("d.asc", ASC.replace("cellsize 2", "cellsize x") + "1 2 3\n", 'cellsize is "x" where'),
+        ("d.asc", ASC.replace("cellsize 2", "cellsize 1_0") + "1 2 3\n", 'cellsize is "1_0" where'),
         ("e.asc", ASC + "1 2 3 a\n", "a height that is no number"),
         ("f.npy", "no", "cannot be read as a height field"),
         ("g.npz", "no", "cannot be read as a height field"),
@@ -121,10 +122,22 @@ def test_files_that_are_no_height_field(tmp_path: Path) -> None:
         load_height_field(tmp_path / "none.asc")
     with pytest.raises(glpath.SceneError, match="has a spacing of its own"):
         load_height_field(ascii_grid(tmp_path / "h.asc"), spacing=2.0)
+    with pytest.raises(glpath.SceneError, match="has a spacing of its own"):
+        horizon(HeightField.of(HEIGHTS), spacing=2.0)
+    with pytest.raises(glpath.SceneError, match="has an origin of its own"):
+        load_height_field(HeightField.of(HEIGHTS), origin=(0.0, 0.0))
     gap = ascii_grid(tmp_path / "i.asc", np.where(HEIGHTS == 5, -9999, HEIGHTS))
     with pytest.raises(glpath.SceneError, match="holes=True"):
         load_height_field(gap)
     assert np.isnan(load_height_field(gap, holes=True).heights[1, 1])
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_lowest_number_of_64_bits_stands_for_no_data(tmp_path: Path) -> None:
+    lowest = "-1.7976931348623157e+308"
+    path = tmp_path / "a.asc"
+    path.write_text(f"ncols 2\nnrows 2\ncellsize 2\nNODATA_value {lowest}\n1 2\n3 {lowest}\n")
+    assert np.isnan(load_height_field(path, holes=True).heights).tolist() == [[False, False], [False, True]]
 
 
 def test_results_as_files(tmp_path: Path) -> None:

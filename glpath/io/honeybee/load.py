@@ -60,7 +60,12 @@ def read_honeybee(
     path: Path,
     *,
     overcast: Annotated[
-        float, Meta(ge=0, description="illuminance of open ground by a CIE overcast sky, lx; 0 for no sky")
+        float,
+        Meta(
+            ge=0,
+            le=LARGEST,
+            description="0 to 1e15: illuminance of open ground by a CIE overcast sky, lx; 0: no sky",
+        ),
     ] = 0.0,
     ground: Annotated[
         float, Meta(ge=0, le=1, description="a number from 0 to 1, the reflectance of the ground below that sky")

@@ -15,11 +15,12 @@ from msgspec import Meta, Struct
 
 from glpath.io.convert import convert
 from glpath.io.honeybee.model import Aperture, Door, Face, ModelRadiance, ModifierSet
-from glpath.scene.geometry import Float64
+from glpath.scene.geometry import LARGEST, Float64
 from glpath.scene.model import Material
 from glpath.scene.source_location import SourceLocation
 
 _Share = Annotated[float, Meta(ge=0, le=1)]
+_Emittance = Annotated[float, Meta(ge=0, le=LARGEST)]
 # Maximum index of refraction of a material.
 _MAX_IOR = 10.0
 
@@ -58,7 +59,7 @@ class _Glass(Struct):
     r_transmissivity: _Share = 0.0
     g_transmissivity: _Share = 0.0
     b_transmissivity: _Share = 0.0
-    refraction_index: Annotated[float, Meta(ge=1)] | None = None
+    refraction_index: Annotated[float, Meta(ge=1, le=_MAX_IOR)] | None = None
 
     @property
     def transmissivity(self) -> Float64:
@@ -66,9 +67,9 @@ class _Glass(Struct):
 
 
 class _Light(Struct):
-    r_emittance: Annotated[float, Meta(ge=0)] = 0.0
-    g_emittance: Annotated[float, Meta(ge=0)] = 0.0
-    b_emittance: Annotated[float, Meta(ge=0)] = 0.0
+    r_emittance: _Emittance = 0.0
+    g_emittance: _Emittance = 0.0
+    b_emittance: _Emittance = 0.0
 
     @property
     def emittance(self) -> Float64:

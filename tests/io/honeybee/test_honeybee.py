@@ -263,6 +263,8 @@ def _modified(model: dict[str, Any], **modifier: Any) -> None:
         (_wide, r'"a_south" has 1 holes, apertures and doors that overlap'),
         (lambda m: _modified(m, type="BSDF"), r'"a_floor" has the modifier "x" of the type BSDF. Allowed: Plastic'),
         (lambda m: _modified(m, type="Plastic", r_reflectance=1.5), r'the modifier "x" cannot be used: .*<= 1'),
+        (lambda m: _modified(m, type="Glass", refraction_index=1e308), r'the modifier "x" cannot be used: .*<= 10'),
+        (lambda m: _modified(m, type="Light", g_emittance=1e308), r'the modifier "x" cannot be used: .*<= 1000000'),
         (
             lambda m: m["rooms"][0]["properties"]["radiance"].update(modifier_set="lost"),
             r'"a_ceiling" has the modifier set "lost"|"a_floor" has the modifier set "lost"',
@@ -282,6 +284,18 @@ def test_errors_name_the_object(tmp_path: Path, change: Any, message: str | None
         return
     with pytest.raises(SceneError, match=message):
         loaded(tmp_path, model)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"overcast": float("inf")}, r"overcast is inf, but must be 0 to 1e15 lx"),
+        ({"view": 3}, r"view is 3, but must be [^\n]*\n  Leave it out"),
+    ],
+)
+def test_a_wrong_parameter_is_named(tmp_path: Path, parameters: dict[str, Any], message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        glpath.load_scene(write(two_rooms(), tmp_path / "a.hbjson"), parameters)
 
 
 def test_files_that_are_no_models(tmp_path: Path) -> None:
