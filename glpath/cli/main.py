@@ -39,6 +39,7 @@ from glpath.cli.signals import (
 )
 from glpath.cli.typed import as_typed, remember_words, typed_words
 from glpath.errors import GlpathError, SceneWarning, UsageError, shortened, warning_scope
+from glpath.system.files import recorded_inputs
 from glpath.system.terminal import CleanHandler, report_stream, say
 from glpath.system.time_limit import command_clock
 
@@ -83,7 +84,7 @@ class Commands(TyperGroup):
 
     def _invoke(self, ctx: Any) -> Any:
         signals = signals_wait_for_results(asks_to_resume(typed_words(ctx)))
-        with _warnings_and_logs_as_lines(), signals, warning_scope(strict=False) as scope:
+        with _warnings_and_logs_as_lines(), recorded_inputs(), signals, warning_scope(strict=False) as scope:
             try:
                 done = super().invoke(ctx)
                 scope.raise_late()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from glpath.errors import GlpathError, UsageError
-from glpath.system.files import check_separate, check_writable
+from glpath.system.files import check_no_input, check_separate, check_writable
 
 if TYPE_CHECKING:
     from glpath.cli.run_request import RunRequest
@@ -38,6 +38,7 @@ def checkpointed(
     path = checkpoint_path(out, films) if run.keeps else None
     if run.stats is not None:
         check_separate("--stats", run.stats, out if path is None else [*out, path])
+        check_no_input("--stats", run.stats)
     if path is None:
         yield None, None
         return
