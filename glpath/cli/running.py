@@ -18,7 +18,7 @@ from glpath.cli.unattended import keep_after_failure, left_in, watched
 from glpath.cli.values import check_inside
 from glpath.errors import GlpathError, UsageError
 from glpath.film.aovs import with_guides
-from glpath.system.files import check_outputs
+from glpath.system.files import check_no_input
 from glpath.system.time_limit import limited
 
 if TYPE_CHECKING:
@@ -81,7 +81,8 @@ def of_file(job: RenderJob, out: Sequence[Path]) -> Start:
     def film(run: RunOptions) -> Film:
         with limited(run.time_limit, resumes=run.film is not None):
             scene = job.seen()
-            check_outputs(out)
+            for path in out:
+                check_no_input("-o", path)
             return run_job(job, scene, run)
 
     return lambda run: strictly(lambda: film(run)) if job.strict else film(run)
