@@ -22,7 +22,7 @@ from glpath.io.export.gltf import write_gltf
 from glpath.scene.geometry import Mesh, Shape, Shapes
 from glpath.scene.material import Material
 from glpath.scene.model import Float64, Scene
-from glpath.system.files import write_bytes
+from glpath.system.files import replacing_links, write_bytes
 
 if TYPE_CHECKING:
     from glpath.bake.atlas import Atlas
@@ -122,23 +122,27 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
     notes = write_gltf(made, path, [(pictures[page], ranges[page]) for page in page_of] if moz else None)
     for text in notes:
         warn(f"{path}: {text}.", late=True)
-    written = [path]
     for page, (light, picture, range_) in enumerate(zip(baked.irradiance, pictures, ranges, strict=True)):
-        stem = f"{path.stem}-{page}.lightmap"
         header = {
             "quantity": "irradiance",
             "unit": symbol(scene.unit, "irradiance"),
             "primaries": "linear Rec. 709",
         }
         about_page = {"texCoord": "1", "page": str(page), "denoised": str(baked.denoised).lower()}
-        write_exr(path.with_name(f"{stem}.exr"), light, header | about_page)
-        write_bytes(encode_png(picture), path.with_name(f"{stem}.png"))
+        exr, png, about_file = page_files(path, page)
         about = header | {"range": range_, "encoding": "linear: irradiance = range * value / 255", "texCoord": 1}
         about |= baked.quality()
         about["shapes"] = sorted({s.name for s, p in zip(shapes, page_of, strict=True) if p == page})
-        write_bytes((json.dumps(about, indent=2) + "\n").encode(), path.with_name(f"{stem}.json"))
-        written += [path.with_name(f"{stem}.{suffix}") for suffix in ("exr", "png", "json")]
-    return written
+        with replacing_links():
+            write_exr(exr, light, header | about_page)
+            write_bytes(encode_png(picture), png)
+            write_bytes((json.dumps(about, indent=2) + "\n").encode(), about_file)
+    return [path, *(file for page in range(atlas.pages) for file in page_files(path, page))]
+
+
+def page_files(path: Path, page: int) -> list[Path]:
+    """Return the .exr, .png and .json files of a page's light map, which `write_kept` writes beside `path`."""
+    return [path.with_name(f"{path.stem}-{page}.lightmap.{suffix}") for suffix in ("exr", "png", "json")]
 
 
 def _named_by_page(shapes: list[Shape], page_of: list[int]) -> list[Shape]:

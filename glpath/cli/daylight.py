@@ -290,6 +290,7 @@ def daylight(
 
         with aside("camera", "light"):
             loaded = read_scene(which, parameters)
+        check_outputs(out)  # again, because a scene names further files
         if texels is not None:
             # A scene with closed blinds gets the texels of the scene without blinds, so that sensors are the same.
             faces = texels.of(loaded) if of_texels is None else of_texels

@@ -25,7 +25,7 @@ from glpath.cli.scene import Scenes
 from glpath.cli.signals import arrived, exit_code, hold, release
 from glpath.cli.unattended import watched
 from glpath.errors import GlpathError, ImageError, UsageError
-from glpath.system.files import check_outputs, save_all, whole_file
+from glpath.system.files import check_outputs, replacing_links, save_all, whole_file
 from glpath.system.locks import Lock
 from glpath.system.reporting import duration
 from glpath.system.terminal import say
@@ -213,11 +213,12 @@ class FramesToRender:
         from glpath import rendering
 
         frames = self.frames
-        check_outputs([*(frames.path(path, frames.first) for path in self.out), *self.movies])
+        check_outputs([*(frames.path(path, frames.first) for path in self.out), *self.movies], [scenes.scene])
         with contextlib.ExitStack() as held:
             for path in self.out:
                 held.enter_context(Lock(path, "a render of these frames", frames.first, frames.stop))
             todo = left_to_do(frames, self.out, self.run.resume)
+            check_outputs([], [scenes.scene], (frames.path(path, i) for path in self.out for i in todo))
             if frames.option == "--turntable":
                 shown: Iterator[Scene | Camera] = (scene.camera.turned(360.0 * i / frames.stop) for i in todo)
             else:
@@ -248,9 +249,9 @@ class FramesToRender:
                 hold()
                 stops = film.exposure_stops(asked) if stops is None else stops
                 paths = [self.frames.path(path, i) for path in self.out]
-                _, failure = save_all(
-                    self.picture.saves(film, paths, stops), {"film.npz": film.save}, "The film is kept in {}."
-                )
+                saves = self.picture.saves(film, paths, stops)
+                with replacing_links():
+                    _, failure = save_all(saves, {"film.npz": film.save}, "The film is kept in {}.")
                 if failure is not None:
                     raise failure
                 done += 1

@@ -183,7 +183,7 @@ def lightmap(
         loaded = read_scene(scene, parameters)
     check_outputs([out], [scene])
     with checkpointed([out], run) as (checkpoint, begun):
-        from glpath.bake.files import check_keepable
+        from glpath.bake.files import check_keepable, page_files
         from glpath.bake.lightmap import Bake
 
         if materials == "keep":
@@ -191,6 +191,9 @@ def lightmap(
         announce = None if run.mode in ("none", "json") or run.quiet else lambda line: say(line, err=True)
         asked = {name: value for name, value in given.items() if value is not None}
         bake = Bake.of(loaded, say=announce, **asked)
+        if materials == "keep":
+            pages = range(bake.surfaces.atlas.pages)
+            check_outputs([], [scene], (file for page in pages for file in page_files(out, page)))
 
         outcome = outcome_of(bake.film, run, checkpoint, begun)
         film = outcome.film

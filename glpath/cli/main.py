@@ -39,7 +39,7 @@ from glpath.cli.signals import (
 )
 from glpath.cli.typed import as_typed, remember_words, typed_words
 from glpath.errors import GlpathError, SceneWarning, UsageError, shortened, warning_scope
-from glpath.system.files import missing_current_folder
+from glpath.system.files import missing_current_folder, recorded_inputs
 from glpath.system.terminal import CleanHandler, report_stream, say
 from glpath.system.time_limit import command_clock
 
@@ -84,7 +84,7 @@ class Commands(TyperGroup):
 
     def _invoke(self, ctx: Any) -> Any:
         signals = signals_wait_for_results(asks_to_resume(typed_words(ctx)))
-        with _warnings_and_logs_as_lines(), signals, warning_scope(strict=False) as scope:
+        with _warnings_and_logs_as_lines(), recorded_inputs(), signals, warning_scope(strict=False) as scope:
             try:
                 done = super().invoke(ctx)
                 scope.raise_late()
@@ -220,10 +220,10 @@ def run(commands: typer.Typer = app, name: str = "glpath") -> None:
         found = shortened(threads)
         say(f"glpath: error: NUMBA_NUM_THREADS is {found!r}; must be a whole number from 1.\n  Unset it.", err=True)
         raise SystemExit(WRONG_USAGE)
-    variable = f"_{name}_complete".replace("-", "_").upper()
-    cursor = os.environ.get("COMP_CWORD", "") if "COMP_WORDS" in os.environ else ""
-    if os.environ.get(variable) == "complete_bash" and not re.fullmatch("[0-9]{1,9}", cursor):
-        say(f"glpath: error: {variable}: needs COMP_WORDS and COMP_CWORD, which bash sets.\n  Unset it.", err=True)
+    cursor = os.environ.get("COMP_CWORD", "") if os.environ.get("COMP_WORDS") is not None else ""
+    if os.environ.get("_GLPATH_COMPLETE") == "complete_bash" and not re.fullmatch("[0-9]{1,9}", cursor):
+        text = "_GLPATH_COMPLETE: needs COMP_WORDS and COMP_CWORD, which bash sets.\n  Unset it."
+        say(f"glpath: error: {text}", err=True)
         raise SystemExit(WRONG_USAGE)
     if isinstance(sys.stdout, io.TextIOWrapper):
         # Characters that stdout cannot encode are written as escapes, because an error would end the command.

@@ -72,7 +72,7 @@ def merge(
 
     for path in out:
         check_suffix(path)
-    check_outputs(out)
+    check_outputs(out, films)
     if films and is_coefficients(films[0]):
         _merge_coefficients(films, out, run, pictured=exposure is not None or denoise is not None)
         return

@@ -19,6 +19,7 @@ from glpath.errors import UsageError
 from glpath.integrators.by_name import INTEGRATORS
 from glpath.integrators.settings import Rgb
 from glpath.rendering.options import Option, options
+from glpath.system.files import record_input
 from glpath.system.time_limit import limited
 
 #: Help panel of the options that all integrators have.
@@ -151,6 +152,8 @@ def _value(option: Option, integrator: str, value: Any) -> Any:
             check_choice(flag_of(option), word, setting.given_words)
     elif setting.type == Rgb:
         return colour(flag(option.name), value)
+    elif isinstance(value, Path):
+        record_input(value)
     elif setting.type in (int, float) and setting.meta is not None:
         low, high = setting.meta.ge, setting.meta.le
         if low is not None and value < low:

@@ -226,9 +226,9 @@ def render(
                 f"--denoise beside --job: {job} asks for no AOVs albedo and normal, which a denoiser needs.",
                 f"Make the job with aovs={DENOISER_AOVS!r}.",
             )
-        start, spp = running.of_file(asked), asked.spp
+        start, spp = running.of_file(asked, out), asked.spp
     if many is None:
-        check_outputs(out, [scene, job])
+        check_outputs(out, [scene, job, getattr(asked.integrator, "radiosity", None)])
         if Path("-") in out and sys.stdout.isatty():
             raise UsageError("-o -: a PNG is no text for a terminal.", "Send it on, e.g. -o - > a.png.")
     else:

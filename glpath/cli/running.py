@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -17,6 +18,8 @@ from glpath.cli.unattended import keep_after_failure, left_in, watched
 from glpath.cli.values import check_inside
 from glpath.errors import GlpathError, UsageError
 from glpath.film.aovs import with_guides
+from glpath.system.files import check_no_input
+from glpath.system.time_limit import limited
 
 if TYPE_CHECKING:
     from glpath.cli.run_request import RunRequest
@@ -67,11 +70,22 @@ def of_scene(job: RenderJob, scene: Scene) -> Start:
     return lambda run: run_job(job, scene, run)
 
 
-def of_file(job: RenderJob) -> Start:
-    """Return the function that renders a job from a file."""
-    from glpath import rendering
+def of_file(job: RenderJob, out: Sequence[Path]) -> Start:
+    """Return the function that renders a job from a file.
 
-    return lambda run: rendering.run(job, **vars(run))
+    out : outputs, which must not be files that the job's scene reads
+    """
+    from glpath.rendering.calls import run_job
+    from glpath.rendering.options import strictly
+
+    def film(run: RunOptions) -> Film:
+        with limited(run.time_limit, resumes=run.film is not None):
+            scene = job.seen()
+            for path in out:
+                check_no_input("-o", path)
+            return run_job(job, scene, run)
+
+    return lambda run: strictly(lambda: film(run)) if job.strict else film(run)
 
 
 def denoisable(job: RenderJob) -> RenderJob:

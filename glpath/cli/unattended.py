@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from glpath.errors import GlpathError, UsageError
-from glpath.system.files import check_separate, check_writable
+from glpath.system.files import check_no_input, check_separate, check_writable, recorded_inputs
 
 if TYPE_CHECKING:
     from glpath.cli.run_request import RunRequest
@@ -39,6 +39,7 @@ def checkpointed(
     path = checkpoint_path(out, films) if run.keeps else None
     if run.stats is not None:
         check_separate("--stats", run.stats, out if path is None else [*out, path])
+        check_no_input("--stats", run.stats)
     if path is None:
         yield None, None
         return
@@ -47,7 +48,9 @@ def checkpointed(
     with Checkpoint(path, *run.interval, is_output=path in out) as checkpoint:
         if not run.resume:
             check_absent(path)
-        yield checkpoint, checkpoint.load() if run.resume else None
+        with recorded_inputs():  # a record of its own, because the checkpoint may be an output
+            film = checkpoint.load() if run.resume else None
+        yield checkpoint, film
 
 
 def check_absent(checkpoint: Path) -> None:

@@ -10,6 +10,7 @@ They are rewritten at intervals, with the number of chunks already traced. Locks
 from __future__ import annotations
 
 import os
+import stat
 from pathlib import Path
 from typing import BinaryIO
 
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from glpath.errors import ImageError
 from glpath.gl.parallel_rays import WORD, Seen
 from glpath.system.checkpoint import CheckpointFile
-from glpath.system.files import check_writable, reason_of, short_name, whole_file
+from glpath.system.files import check_writable, open_without_links, reason_of, short_name, whole_file
 
 _HEAD = "glpath daylight 1 {}\n"
 _STREAM_HEAD = "glpath daylight stream 1 {}\n"
@@ -68,14 +69,15 @@ class KeptWords(CheckpointFile):
                     file.write(np.ascontiguousarray(shares[k], "<f2").tobytes())
 
         def save(path: Path) -> None:
-            if self._records == 0 or not os.path.exists(path):
+            end = len(self._head) + self._records * self._size
+            if self._records == 0 or not _has_own_content(path, end):
                 with whole_file(path) as part, open(part, "wb") as file:
                     file.write(self._head)
                     write(file, 0)
                 return
             try:
-                with open(path, "r+b") as file:
-                    file.seek(len(self._head) + self._records * self._size)
+                with open(path, "r+b", opener=open_without_links) as file:
+                    file.seek(end)
                     write(file, self._records)
             except OSError as error:
                 raise ImageError(f"{path}: cannot be written: {reason_of(error)}.") from error
@@ -130,6 +132,19 @@ class KeptPass(CheckpointFile):
                     file.write(np.ascontiguousarray(word, "<u4").tobytes())
 
         self.written_by(save, done, last)
+
+
+def _has_own_content(path: Path, size: int) -> bool:
+    """Return True if the path is a file of at least `size` bytes that has no other name.
+
+    Appending to a link would change the file to which it leads, and appending to a hard link a copy that the user
+    has put aside.
+    """
+    try:
+        status = os.lstat(path)
+    except OSError:
+        return False
+    return stat.S_ISREG(status.st_mode) and status.st_nlink == 1 and status.st_size >= size
 
 
 def _has_head(file: BinaryIO, head: bytes, path: Path) -> bool:

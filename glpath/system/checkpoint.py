@@ -11,12 +11,13 @@ import logging
 import os
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar, Self
 
 from glpath.errors import ImageError
-from glpath.system.files import reason_of, remove_parts, rescued, special_kind
+from glpath.system.files import reason_of, remove_parts, replacing_links, rescued, special_kind
 from glpath.system.locks import Lock, Locked
 
 log = logging.getLogger("glpath")
@@ -86,12 +87,15 @@ class CheckpointFile(Locked):
     def written_by(self, save: Callable[[Path], None], step: int, last: bool = False) -> bool:
         """Write the file and return True on success. The log reports each reason of failure once.
 
+        A link that replaced the file after `__enter__` is replaced by a file, unless the file is an output.
+
         save : function that writes the state to a path
         last : True if the work ends here; a state that cannot be written is then kept in a temporary folder
         """
         started = time.monotonic()
         try:
-            save(self.path)
+            with nullcontext() if self.is_output else replacing_links():
+                save(self.path)
         except ImageError as error:
             self.failure = error.message
             reason = reason_of(error.__cause__ or error)

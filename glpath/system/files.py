@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO
 
@@ -37,6 +38,11 @@ _STDOUT = "-"
 _MAX_NAME_BYTES = 255
 # Placeholder for the random part of a temporary name. No file name contains these null characters.
 _NO_TOKEN = 8 * "\0"
+# Paths of the files that the running command has read, in order; None outside of `recorded_inputs`. It is shared by
+# all threads, because some readers have threads of their own.
+_inputs: dict[str, None] | None = None
+# True within `replacing_links`.
+_REPLACING_LINKS: ContextVar[bool] = ContextVar("replacing_links", default=False)
 
 
 def shipped_folder(name: str) -> Path | None:
@@ -83,14 +89,48 @@ def is_stream(path: str | Path) -> bool:
 
 
 @contextmanager
+def recorded_inputs() -> Iterator[None]:
+    """Context of one command. Within it, `check_outputs` knows all files that the functions of this module read.
+
+    Among them are files that the user did not name, such as the textures of a model.
+    """
+    global _inputs
+    before, _inputs = _inputs, {}
+    try:
+        yield
+    finally:
+        _inputs = before
+
+
+def record_input(path: str | Path) -> None:
+    """Record a file that the command reads. Readers of this module do it; call it for a file that is read later."""
+    if _inputs is not None:
+        _inputs[os.fspath(path)] = None
+
+
+@contextmanager
+def replacing_links() -> Iterator[None]:
+    """Context in which `whole_file` replaces a symbolic link instead of following it.
+
+    It is for file names that the user did not give. A link of such a name could lead to a file that must stay.
+    """
+    token = _REPLACING_LINKS.set(True)
+    try:
+        yield
+    finally:
+        _REPLACING_LINKS.reset(token)
+
+
+@contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
     """Context that yields a temporary path. The file written there appears at `path` complete or not at all.
 
     On leaving the block, the file is moved to `path` and replaces an existing file. If `path` is a pipe or device,
     the content is copied into it. If the block fails, the file is removed. Missing folders are created, and links
-    are followed. Raises ImageError if the system refuses.
+    are followed, except within `replacing_links`. Raises ImageError if the system refuses.
     """
-    put = _through_a_folder if is_stream(path) else _beside
+    is_replaced = _REPLACING_LINKS.get() and os.path.islink(path)
+    put = _through_a_folder if is_stream(path) and not is_replaced else _beside
     try:
         with put(path) as temporary:
             yield temporary
@@ -195,11 +235,13 @@ def read_bytes(path: str | Path, limit: int = MAX_FILE_BYTES) -> bytes:
 
 
 def _open(path: str | Path) -> int:
-    """Open a file for reading and return its descriptor. Does not wait for the writer of a pipe."""
+    """Open a file for reading, record it, and return its descriptor. Does not wait for the writer of a pipe."""
     try:
-        return os.open(path, _READ)
+        descriptor = os.open(path, _READ)
     except ValueError as error:  # the name contains a NUL
         raise OSError(errno.EINVAL, os.strerror(errno.EINVAL), str(path)) from error
+    record_input(path)
+    return descriptor
 
 
 def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
@@ -334,8 +376,12 @@ def write_bytes(content: bytes, path: Path) -> None:
 
 @contextmanager
 def _beside(path: str | Path) -> Iterator[Path]:
-    target = real_path(path)
-    if (kind := _unwritable_kind(path)) is not None:
+    if _REPLACING_LINKS.get():
+        target = real_path(Path(path).parent) / Path(path).name
+        kind = None if os.path.islink(path) else _unwritable_kind(path)
+    else:
+        target, kind = real_path(path), _unwritable_kind(path)
+    if kind is not None:
         raise OSError(f"it is {kind}")
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = new_file(target.parent, target)
@@ -458,30 +504,61 @@ def check_writable(path: str | Path) -> None:
         raise ImageError(f"{path}: the folder {folder} cannot be written to: {reason_of(error)}.") from error
 
 
-def check_outputs(paths: Sequence[Path], inputs: Iterable[str | Path | None] = ()) -> None:
+def check_outputs(
+    paths: Sequence[Path], inputs: Iterable[str | Path | None] = (), derived: Iterable[Path] = ()
+) -> None:
     """Raise GlpathError if an output cannot be written, is also an input, or is the same file as another output.
 
     Also raise GlpathError, with the name of the holder, if another process has locked an output as its checkpoint.
+    Files that the command has already read count as inputs; see `recorded_inputs`.
 
-    paths  : outputs; a path that is given twice is one output
-    inputs : files that the command reads; None and names that are no files are ignored
+    paths   : outputs; a path that is given twice is one output
+    inputs  : further files that the command reads; None and names that are no files are ignored
+    derived : outputs in the folders of `paths` that the user did not name, such as numbered frames
     """
     from glpath.system.locks import check_unlocked  # late, because that module imports this one
 
-    read = [each for each in inputs if each is not None]
+    read = _files_of([*(each for each in inputs if each is not None), *(_inputs or ())])
     for index, path in enumerate(paths):
         check_writable(path)
         check_separate("-o", path, [other for other in paths[:index] if other != path])
-        if (same := next((each for each in read if _is_same_file(path, each)), None)) is not None:
-            raise UsageError(f"-o {path}: is the input {same}, which it would replace.", "Name another output.")
+        _check_no_input("-o", path, read)
         if not is_stream(path):
             check_unlocked(path)
+    for path in derived:
+        if os.path.isdir(path) and not os.path.islink(path):
+            raise ImageError(f"{path}: is a folder, where a file is to be written.", "Name another output.")
+        _check_no_input("output", path, read)
 
 
-def _is_same_file(output: Path, other: str | Path) -> bool:
+def check_no_input(option: str, path: Path) -> None:
+    """Raise UsageError if an option's file is one that the command has read, because it would be replaced.
+
+    option : name of the option, for the message
+    """
+    _check_no_input(option, path, _files_of(_inputs or ()))
+
+
+def _check_no_input(option: str, path: Path, read: Mapping[tuple[int, int], str | Path]) -> None:
+    if (same := read.get(_file_id(path) or (-1, -1))) is not None and not is_stream(path):
+        raise UsageError(f"{option} {path}: is the input {same}, which it would replace.", "Name another output.")
+
+
+def _files_of(paths: Iterable[str | Path]) -> dict[tuple[int, int], str | Path]:
+    """Return existing files by device and inode; of several names of a file, the first."""
+    files: dict[tuple[int, int], str | Path] = {}
+    for path in paths:
+        if (found := _file_id(path)) is not None:
+            files.setdefault(found, path)
+    return files
+
+
+def _file_id(path: str | Path) -> tuple[int, int] | None:
+    """Return device and inode of the file to which `path` leads; None if it does not exist."""
     with suppress(OSError, ValueError):
-        return not is_stream(output) and os.path.samefile(output, other)
-    return False
+        status = os.stat(path)
+        return status.st_dev, status.st_ino
+    return None
 
 
 def check_separate(option: str, path: Path, outputs: Iterable[Path]) -> None:

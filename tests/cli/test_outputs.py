@@ -21,11 +21,11 @@ from typer.testing import CliRunner, Result
 from benchmarks.figures.outcome import Outcome, write
 from glpath.cli.main import app
 from glpath.errors import ImageError, UsageError
-from glpath.film import denoise
+from glpath.film import denoise, image
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata
 from glpath.radiosity import RadiositySolution
-from glpath.rendering import calls
+from glpath.rendering import RenderJob, calls
 from glpath.rendering.interrupts import interrupt_as_flag
 from glpath.system import files
 from tests.conftest import MakeFilm
@@ -190,6 +190,8 @@ def test_two_outputs_in_one_file_are_refused_before_rendering(
         "horizon field.npy --points {} -o out.csv",
         "measure furnace --normal 0,1,0 --points {} -o out.csv",
         "radiosity furnace --radiosity {} -o out.npz",
+        "render furnace --integrator gather --radiosity {} -o out.npz",
+        "merge {} other.npz -o out.npz",
     ],
 )
 def test_output_that_is_also_an_input_is_refused(
@@ -209,6 +211,95 @@ def test_output_that_is_also_an_input_is_refused(
     assert result.exit_code == 2, result.output
     assert f"-o {out}: is the input {source}, which it would replace." in " ".join(result.output.split())
     assert source.read_bytes() == before
+
+
+_OBJ = "mtllib quad.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\n"
+
+
+@pytest.fixture
+def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a scene that names a model, which names a material file, which names a picture."""
+    monkeypatch.chdir(tmp_path)
+    iio.imwrite("skin.png", np.full((2, 2, 3), 99, np.uint8))
+    image.write_exr(Path("sky-0.exr"), np.ones((2, 4, 3), np.float32))
+    Path("quad.obj").write_text(_OBJ)
+    Path("quad.mtl").write_text("newmtl a\nmap_Kd skin.png\n")
+    Path("scene.toml").write_text(SCENE + '[[assets]]\nfile = "quad.obj"\n')
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        ("render quad.obj -o skin.png", "skin.png"),
+        ("render scene.toml -o skin.png", "skin.png"),
+        ("render scene.toml -o a.png --stats quad.mtl", "quad.mtl"),
+        ("render --job job.json -o skin.png", "skin.png"),
+        ("measure scene.toml --plane z=2 -o skin.png", "skin.png"),
+        ("render furnace -D environment=sky-0.exr -o sky-0.exr", "sky-0.exr"),
+        ("render furnace -D environment=sky-0.exr --turntable 2 -o sky.exr", "sky-0.exr"),
+        ("render furnace -D environment=sky-0.exr --turntable 2 -o a.png -o sky-{}.exr", "sky-0.exr"),
+        (
+            "lightmap furnace -D environment=l-0.lightmap.exr --materials keep --size 64 -o l.glb",
+            "l-0.lightmap.exr",
+        ),
+    ],
+)
+def test_output_that_the_scene_reads_is_refused(words: str, name: str, model: Path) -> None:
+    if "--job" in words:
+        Path("job.json").write_text(RenderJob.of("scene.toml", spp=1).to_json())
+    if "lightmap" in words:
+        shutil.move("sky-0.exr", name)
+    before = Path(name).read_bytes()
+    result = run(*words.split())
+    assert result.exit_code == 2, result.output
+    assert f"{name}: is the input" in result.stderr
+    assert Path(name).read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        ("render furnace -D resolution=8 --spp 1 --no-denoise --turntable 2 -o a.png", "a-1.png"),
+        ("lightmap furnace --materials keep --size 64 --spp 1 --no-denoise -o a.glb", "a-0.lightmap.exr"),
+        ("lightmap furnace --materials keep --size 64 --spp 1 --no-denoise -o a.glb", "a-0.lightmap.json"),
+    ],
+)
+@pytest.mark.parametrize("exists", [False, True])
+def test_link_with_a_derived_name_is_replaced(
+    words: str, name: str, exists: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    victim = Path("victim")
+    if exists:
+        victim.write_text("precious")
+    Path(name).symlink_to(victim)
+    result = run(*words.split(), "-q")
+    assert result.exit_code == 0, result.output
+    assert not Path(name).is_symlink()
+    assert Path(name).stat().st_size > 100
+    assert (victim.read_text() == "precious") if exists else not victim.exists()
+
+
+def test_folder_of_an_export_is_no_link(tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    (tmp_path / "e_files").symlink_to("data")
+    result = run("export", "cornell-box", "-o", tmp_path / "e.xml")
+    assert result.exit_code == 1
+    assert "e_files: is a symbolic link" in result.stderr
+    assert os.listdir(tmp_path / "data") == []
+
+
+def test_file_of_an_export_that_is_a_link_is_replaced(tmp_path: Path) -> None:
+    assert run("export", "cornell-box", "-o", tmp_path / "e.xml", "-q").exit_code == 0
+    mesh = next((tmp_path / "e_files").glob("*.ply"))
+    content = mesh.read_bytes()
+    (tmp_path / "victim").write_text("precious")
+    mesh.unlink()
+    mesh.symlink_to(tmp_path / "victim")
+    assert run("export", "cornell-box", "-o", tmp_path / "e.xml", "-q").exit_code == 0
+    assert (mesh.is_symlink(), mesh.read_bytes()) == (False, content)
+    assert (tmp_path / "victim").read_text() == "precious"
 
 
 def test_names_of_one_device_are_separate_outputs(film: Film, tmp_path: Path) -> None:

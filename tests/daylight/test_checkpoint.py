@@ -21,6 +21,7 @@ from glpath.jobs.checkpoint import Checkpoint
 from glpath.jobs.connection import Connection
 from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
 from glpath.system.checkpoint import CheckpointFile
+from tests.conftest import MakeFilm
 from tests.support.command_line import run
 from tests.support.weather_files import write_epw
 
@@ -99,6 +100,40 @@ def test_checkpoint_that_is_a_link_is_refused(kind: type[CheckpointFile], exists
     assert (link.is_symlink(), target.exists()) == (False, exists)
 
 
+@pytest.mark.parametrize("link", ["symbolic", "hard"])
+@pytest.mark.parametrize("kind", [KeptWords, KeptPass, Checkpoint])
+def test_checkpoint_that_becomes_a_link_is_replaced_by_a_file(
+    kind: type[CheckpointFile], link: str, tmp_path: Path, make_film: MakeFilm
+) -> None:
+    part, victim = tmp_path / "part.npz", tmp_path / "victim"
+    words = np.arange(6, dtype=np.uint32).reshape(3, 2)
+    kept = kind(part)
+
+    def write(done: int) -> None:
+        if isinstance(kept, KeptWords):
+            kept.keep(done, words, None, last=False)
+        elif isinstance(kept, KeptPass):
+            kept.keep(done, words, last=False)
+        else:
+            assert isinstance(kept, Checkpoint)
+            kept.write(make_film([(0, 8 * done)]))
+
+    if isinstance(kept, KeptWords):
+        kept.read("0" * 64, 2, False)
+    elif isinstance(kept, KeptPass):
+        kept.read("0" * 64, (3, 2))
+    write(2)
+    part.rename(victim)
+    part.symlink_to(victim) if link == "symbolic" else os.link(victim, part)
+    before = victim.read_bytes()
+    write(3)
+    assert (kept.failure, part.is_symlink(), part.stat().st_nlink) == (None, False, 1)
+    assert victim.read_bytes() == before != part.read_bytes()
+    if isinstance(kept, KeptWords):
+        again = KeptWords(part).read("0" * 64, 2, False)
+        assert np.array_equal([word for word, _ in again], words)
+
+
 @pytest.mark.parametrize("kind", [DaylightCheckpoint, SolverCheckpoint, Checkpoint])
 def test_checkpoint_that_is_a_pipe_is_refused_and_stays(kind: type[CheckpointFile], tmp_path: Path) -> None:
     pipe = tmp_path / "part"
@@ -129,11 +164,11 @@ def test_full_disk_does_not_end_the_computation_and_later_words_are_kept(
     part = tmp_path / "part"
     opened: list[str] = []
 
-    def full(path: Path, mode: str) -> Any:
+    def full(path: Path, mode: str, **more: Any) -> Any:
         opened.append(mode)
         if len(opened) in (1, 3, 4):  # the first writing, and two after a good one
             raise OSError(28, "No space left on device")
-        return open(path, mode)
+        return open(path, mode, **more)
 
     monkeypatch.setattr(kept_words, "open", full, raising=False)
     whole = coefficients()

@@ -66,8 +66,8 @@ def test_a_shard_counts_once_however_often_it_is_named(shards: list[Path], tmp_p
     assert f"{copy}: is there already, and counts once" in result.stderr
     # What is merged already may be merged again: the same file.
     held = Film.load(tmp_path / "all.npz")
-    assert run("merge", tmp_path / "all.npz", tmp_path / "all.npz", "-o", tmp_path / "all.npz").exit_code == 0
-    assert np.array_equal(Film.load(tmp_path / "all.npz").radiance_sums, held.radiance_sums)
+    assert run("merge", tmp_path / "all.npz", tmp_path / "all.npz", "-o", tmp_path / "again.npz").exit_code == 0
+    assert np.array_equal(Film.load(tmp_path / "again.npz").radiance_sums, held.radiance_sums)
 
 
 def test_shards_that_share_path_sets_are_refused_by_name(

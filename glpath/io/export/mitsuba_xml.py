@@ -21,7 +21,7 @@ from glpath.io.export.mitsuba import MitsubaScene
 from glpath.io.export.mitsuba_surfaces import Plugin
 from glpath.scene.geometry import Mesh
 from glpath.scene.source_location import shown
-from glpath.system.files import whole_file, write_bytes
+from glpath.system.files import replacing_links, whole_file, write_bytes
 
 # Version of the format, which Mitsuba 3 reads without conversion.
 _VERSION = "3.0.0"
@@ -52,13 +52,19 @@ def write_xml(translated: MitsubaScene, path: Path) -> None:
     except UnicodeEncodeError as error:
         raise ImageError(f"{path}: its name is not UTF-8 text, as names in XML are.", "Choose another.") from error
     folder = path.with_name(f"{path.stem}_files")
+    if folder.is_symlink():
+        raise ImageError(
+            f"{folder}: is a symbolic link; the files of {path.name} need a folder of their own.",
+            "Remove the link, or choose another name for the .xml.",
+        )
     writer = _Writer(folder)
     scene = ElementTree.Element("scene", version=_VERSION)
     if any(translated.origin):
         scene.append(ElementTree.Comment(f" All is relative to {shown(translated.origin)}. "))
-    for name, value in translated.plugins.items():
-        if name != "type":
-            writer.put(scene, name, value, identified=True)
+    with replacing_links():
+        for name, value in translated.plugins.items():
+            if name != "type":
+                writer.put(scene, name, value, identified=True)
     ElementTree.indent(scene)
     text = ElementTree.tostring(scene, encoding="unicode", xml_declaration=False)
     write_bytes(f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'.encode(), path)
