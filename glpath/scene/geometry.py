@@ -214,12 +214,13 @@ class Shape:
             for name, kinds, allowed in _FIELDS:
                 if not isinstance(getattr(self, name), kinds):
                     raise self._wrong(name, allowed)
-            emission = self.emission
+            converted = (type(self.material), type(self.emission)) != (int, np.ndarray)
             object.__setattr__(self, "material", int(self.material))
             object.__setattr__(self, "emission", vector(f'shape "{self.name}": emission', self.emission, 0.0))
-            if type(emission) is np.ndarray and type(self.material) is int:
+            if not converted:
                 _ALLOWED_TYPES.add(types)
-        geometry, emission = self.geometry, self.emission
+        geometry: object = self.geometry
+        emission = self.emission
         if type(geometry) is str and geometry not in _EXACT:
             raise self._wrong("geometry", 'a Mesh, a Stream, "sphere" or "plane"')
         red, green, blue = emission.tolist() if emission.shape == (3,) else (-1.0, -1.0, -1.0)
