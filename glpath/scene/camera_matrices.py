@@ -79,15 +79,16 @@ def _camera(pose: Float64, K: Float64, resolution: tuple[int, int], convention: 
     sign = -1.0 if convention == "opengl" else 1.0
     position, forward, up = pose[:, 3], sign * pose[:, 2], -sign * pose[:, 1]
     (width, height), fx, fy = resolution, K[0, 0], K[1, 1]
-    made = Camera(
-        position,
-        position + forward,
-        up,
-        float(np.degrees(2 * np.arctan(0.5 * height / fy))),
-        resolution,
-        principal_point=(float(K[0, 2] / width), float(K[1, 2] / height)),
-        pixel_aspect=float(fy / fx),
-    )
+    with np.errstate(over="ignore"):  # `check_camera` refuses what overflows
+        made = Camera(
+            position,
+            position + forward,
+            up,
+            float(np.degrees(2 * np.arctan(0.5 * height / fy))),
+            resolution,
+            principal_point=(float(K[0, 2] / width), float(K[1, 2] / height)),
+            pixel_aspect=float(fy / fx),
+        )
     check_camera(made, source)
     return made
 
