@@ -62,14 +62,28 @@ class FilmSums:
         aov_sums : sums over the same path sets, for each name in the film's `aov_sums`. A film that counts shapes
                    also needs "shapes" (H, W, stop - start): index + 1 of the shape that a sample hits, 0 for none
 
-        Raises UsageError if the film already has one of the path sets.
+        Raises UsageError if the film already has one of the path sets, and for sums that do not fit the film.
         """
-        assert 0 <= start < stop, f"an empty range of path sets, {start}..{stop}"
-        assert start // BLOCK == (stop - 1) // BLOCK, f"path sets {start}..{stop} are not of one block"
-        assert radiance_sum.shape == self.radiance_sums.shape[1:], f"a sum of shape {radiance_sum.shape}"
-        assert np.isfinite(radiance_sum).all(), f"path sets {start}..{stop} hold a NaN or an infinity"
-        held = self.aov_sums.keys() | ({SHAPES} if self.shape_counts is not None else set())
-        assert aov_sums.keys() == held, f"AOVs {[*aov_sums]} for a film of {[*held]}"
+        if not 0 <= start < stop:
+            raise UsageError(f"film: path sets {start}..{stop} where a start from 0 and a later stop are needed.")
+        if start // BLOCK != (stop - 1) // BLOCK:
+            raise UsageError(
+                f"film: path sets {start}..{stop} are not of one block of {BLOCK}.",
+                "Add the path sets of each block by a call of their own.",
+            )
+        shapes = {name: sums.shape for name, sums in self.aov_sums.items()}
+        if self.shape_counts is not None:
+            shapes[SHAPES] = (*self.radiance_sums.shape[1:3], stop - start)
+        if aov_sums.keys() != shapes.keys():
+            raise UsageError(
+                f"film: aov_sums has {[*aov_sums]} where {[*shapes]} are needed, the sums of the film."
+            )
+        shapes["radiance_sum"] = self.radiance_sums.shape[1:]
+        for name, sums in {**aov_sums, "radiance_sum": radiance_sum}.items():
+            if np.shape(sums) != shapes[name]:
+                raise UsageError(f"film: {name} of shape {np.shape(sums)} where {shapes[name]} is needed.")
+        if not np.isfinite(radiance_sum).all():
+            raise UsageError(f"film: radiance_sum of path sets {start}..{stop} has a NaN or an infinity.")
         self.ranges = united(self.ranges, ((start, stop),))
         for name in self.aov_sums:
             add_aov(name, self.aov_sums[name], aov_sums[name])

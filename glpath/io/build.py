@@ -25,7 +25,7 @@ from glpath.io.patches import patch_surface
 from glpath.io.streams import Chunks, NpyTriangles, stream_of
 from glpath.io.values import LARGEST, SMALLEST, light, unit, unknown
 from glpath.scene import tessellate
-from glpath.scene.check import check_camera
+from glpath.scene.camera_check import check_camera
 from glpath.scene.geometry import IDENTITY
 from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes, Stream, placed
 from glpath.scene.source_location import SourceLocation, shown

@@ -25,7 +25,7 @@ from glpath.io.gltf.nodes import Nodes
 from glpath.io.mesh_models import read_mesh_model
 from glpath.io.meshes import FORMATS as MESH_FORMATS
 from glpath.io.up_axis import LYING, Up
-from glpath.scene.check import check_camera
+from glpath.scene.camera_check import check_camera
 from glpath.scene.model import Camera, Scene, Shapes
 from glpath.scene.source_location import SourceLocation
 from glpath.system.numerals import unsigned

@@ -19,7 +19,7 @@ from glpath.rendering.options import RenderKeywords, strictly, with_options
 from glpath.rendering.progress import Progress, reporting
 from glpath.rendering.run_options import RunKeywords, RunOptions
 from glpath.rendering.session import Session
-from glpath.scene import Camera, Scene, check_camera
+from glpath.scene import Camera, Scene
 from glpath.sensors.sensor import CameraSensor, PointSensor
 from glpath.system.arguments import check_word
 from glpath.system.reporting import MODES
@@ -247,7 +247,6 @@ def _frame_scene(base: Scene, frame: Mapping[str, Any] | Camera | Scene) -> Scen
     if isinstance(frame, Scene):
         return frame
     if isinstance(frame, Camera):
-        check_camera(frame, base.source or base.name)
         return replace(base, camera=frame)
     return with_overrides(base, None, frame)
 

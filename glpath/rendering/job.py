@@ -418,7 +418,9 @@ def with_overrides(
     Raises UsageError, and SceneError for an impossible camera.
     """
     changes: dict[str, Any] = {}
+    source = location or scene.source or scene.name
     if isinstance(camera, Camera):
+        check_camera(camera, source)
         scene, camera = scene.with_camera(camera), {"type": camera.projection}
     elif not isinstance(camera, Mapping | None):
         raise UsageError(
@@ -440,12 +442,11 @@ def with_overrides(
     if resolution is not None:
         width, height = whole_numbers("resolution", resolution, 2)
         changes["resolution"] = (width, height)
+    if changes:
+        check_camera(replace(scene.camera, **changes), source)  # before `Scene`, which has no location for errors
     changed = scene.with_camera(**changes) if changes else scene
     if (looked_at := (camera or {}).get("look_at")) is not None:
         changed = _looking_at(changed, looked_at, changes)
-    if changed is scene:
-        return scene
-    check_camera(changed.camera, location or scene.source or scene.name)
     return changed
 
 

@@ -25,7 +25,6 @@ from glpath.rendering.job import describe
 from glpath.rendering.options import RenderKeywords, settings_of, with_options
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.session import Session
-from glpath.scene import check_camera
 from glpath.scene.camera_matrices import CONVENTIONS, Convention, cameras
 from glpath.sensors.sensor import CameraSensor
 from glpath.system.arguments import check_word
@@ -111,7 +110,6 @@ def render_views(
     chosen["aovs"] = (*_AOVS, *(name for name in further if name not in _AOVS))
     with camera_replaced(seen_by[0]):
         loaded = load_scene(scene, parameters)
-    check_camera(seen_by[0], "poses[0]")
     job, base = describe(
         loaded.with_camera(seen_by[0]),
         integrator=integrator,

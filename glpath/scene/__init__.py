@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from glpath.scene.background import Background
     from glpath.scene.camera import CameraKey
-    from glpath.scene.check import check_camera, check_scene
+    from glpath.scene.camera_check import check_camera
+    from glpath.scene.check import check_scene
     from glpath.scene.model import Camera, Environment, Light, Material, Portal, Scene, Shape, Sky, Texture
     from glpath.scene.motion import Motion
     from glpath.scene.triangulate import path_traceable
@@ -39,7 +40,7 @@ _HOME = {
     "Background": "background",
     "CameraKey": "camera",
     "Motion": "motion",
-    "check_camera": "check",
+    "check_camera": "camera_check",
     "check_scene": "check",
     "path_traceable": "triangulate",
 }

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.scene.geometry import vector
 from glpath.system.arguments import checked_fields
 
 Float64 = NDArray[np.float64]
@@ -23,9 +24,17 @@ class Background:
                   radiance is that of the background, times the ratio of sky light with the shapes' shadows to sky
                   light without them
     up          : (3,) float64 unit, the normal of the ground
+
+    Raises SceneError for vectors of another shape, negative radiance, and numbers that are not finite.
     """
 
     radiance: Float64 = field(default_factory=lambda: np.zeros(3))
     transparent: bool = False
     ground: Float64 | None = None
     up: Float64 = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radiance", vector("Background.radiance", self.radiance, 0.0))
+        for name in ("ground", "up"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, vector(f"Background.{name}", getattr(self, name)))

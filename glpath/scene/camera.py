@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,7 +65,7 @@ class Camera:
     """Camera with its projection, lens, shutter and motion.
 
     Fields accept lists instead of arrays and tuples, so that a camera can be written by hand or read from JSON.
-    Raises UsageError for fields of a wrong type or shape. `glpath.scene.check_camera` checks the numbers.
+    Raises UsageError for fields of a wrong type or shape. `Scene` checks the numbers by `check_camera`.
 
     position, target, up : (3,) float64, scene units; `up` need not be perpendicular to the view
     fov                  : vertical field of view of the whole image in degrees, 0 < fov < 180, for "perspective"
@@ -101,8 +102,10 @@ class Camera:
         _hold_arrays(self)
         if not isinstance(self.motion, list | tuple) or not all(isinstance(key, CameraKey) for key in self.motion):
             raise UsageError(f"motion: {short_repr(self.motion)} where a tuple of CameraKey is needed")
-        for name in ("resolution", "shutter", "motion", "principal_point"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+        object.__setattr__(self, "motion", tuple(self.motion))
+        for name in ("resolution", "shutter", "principal_point"):
+            object.__setattr__(self, name, tuple(map(_plain_number, getattr(self, name))))
+        object.__setattr__(self, "resolution", tuple(int(n) if n % 1 == 0 else n for n in self.resolution))
 
     def frame(self) -> tuple[Float64, Float64, Float64]:
         """Return the unit vectors (right, up, forward), each (3,) float64. Row 0 of an image is towards `up`."""
@@ -286,6 +289,16 @@ def _hold_arrays(of: Camera | CameraKey) -> None:
         if np.shape(vector) != (3,):
             raise UsageError(f"{name}: {short_repr(vector)} where three numbers are needed")
         object.__setattr__(of, name, real_array(name, vector))
+
+
+def _plain_number(value: Any) -> int | float:
+    """Return a real number as int or float; infinity if it does not fit into 64 bits."""
+    if isinstance(value, int | float):
+        return value
+    try:
+        return float(value)
+    except OverflowError:
+        return float("inf")
 
 
 def _vectors(name: str, given: ArrayLike, size: int) -> Float64:

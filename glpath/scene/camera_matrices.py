@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from glpath.errors import UsageError
 from glpath.scene.camera import Camera
+from glpath.scene.camera_check import MAX_PIXELS, check_camera
 from glpath.scene.geometry import Float64
 from glpath.system.arguments import checked, real_array, short_repr
 
@@ -45,7 +46,8 @@ def camera(
     convention : "opengl": the camera looks along -z, and +y is up in the image, as in Blender and NeRFs; "opencv":
                  it looks along +z, and +y is down, as in COLMAP
 
-    Raises UsageError if the pose is not a rotation and a translation, or if the intrinsics have a skew.
+    Raises UsageError if the pose is not a rotation and a translation, or if the intrinsics have a skew, and
+    SceneError if the camera has no view.
 
     Example
     -------
@@ -57,7 +59,7 @@ def camera(
     if convention not in CONVENTIONS:
         raise UsageError(f"convention: {short_repr(convention)} where one of {', '.join(CONVENTIONS)} is needed.")
     matrix = _pose(_numbers("pose", pose, "(4, 4) or (3, 4)", {(4, 4), (3, 4)}.__contains__), "pose")
-    return _camera(matrix, *_intrinsics(K, resolution), convention)
+    return _camera(matrix, *_intrinsics(K, resolution), convention, "camera")
 
 
 def cameras(
@@ -68,22 +70,26 @@ def cameras(
     found = found[None] if found.ndim == 2 else found
     matrices = [_pose(each, f"poses[{number}]") for number, each in enumerate(found)]
     intrinsics, size = _intrinsics(K, resolution)
-    return [_camera(each, intrinsics, size, convention) for each in matrices]
+    return [_camera(each, intrinsics, size, convention, f"poses[{number}]") for number, each in enumerate(matrices)]
 
 
-def _camera(pose: Float64, K: Float64, resolution: tuple[int, int], convention: Convention) -> Camera:
+def _camera(pose: Float64, K: Float64, resolution: tuple[int, int], convention: Convention, source: str) -> Camera:
+    """Return the camera of checked matrices. Raises SceneError with `source` if the camera has no view."""
     sign = -1.0 if convention == "opengl" else 1.0
     position, forward, up = pose[:, 3], sign * pose[:, 2], -sign * pose[:, 1]
     (width, height), fx, fy = resolution, K[0, 0], K[1, 1]
-    return Camera(
-        position,
-        position + forward,
-        up,
-        float(np.degrees(2 * np.arctan(0.5 * height / fy))),
-        resolution,
-        principal_point=(float(K[0, 2] / width), float(K[1, 2] / height)),
-        pixel_aspect=float(fy / fx),
-    )
+    with np.errstate(over="ignore"):  # `check_camera` refuses what overflows
+        made = Camera(
+            position,
+            position + forward,
+            up,
+            float(np.degrees(2 * np.arctan(0.5 * height / fy))),
+            resolution,
+            principal_point=(float(K[0, 2] / width), float(K[1, 2] / height)),
+            pixel_aspect=float(fy / fx),
+        )
+    check_camera(made, source)
+    return made
 
 
 def _fits_poses(shape: tuple[int, ...]) -> bool:
@@ -128,7 +134,12 @@ def _intrinsics(given: ArrayLike, resolution: tuple[int, int] | None) -> tuple[F
         )
     if abs(K[0, 1]) > _SKEW * fx or np.any(K[1, 0] != 0) or not np.allclose(K[2], [0, 0, 1]):
         raise UsageError("K: must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], without skew.")
-    size = tuple(round(2 * at) for at in K[:2, 2]) if resolution is None else tuple(resolution)
-    if len(size) != 2 or any(int(pixels) != pixels or pixels < 1 for pixels in size):
-        raise UsageError(f"resolution: {size} where two whole numbers, at least 1, are needed.")
+    middle = np.clip(K[:2, 2], -MAX_PIXELS, MAX_PIXELS)  # because infinity cannot be rounded
+    size = tuple(round(2 * at) for at in middle) if resolution is None else tuple(resolution)
+    if len(size) != 2 or not all(1 <= pixels <= MAX_PIXELS and pixels % 1 == 0 for pixels in size):
+        what = "resolution" if resolution is not None else "K: a resolution of twice the principal point"
+        raise UsageError(
+            f"{what}: {short_repr(size)} where two whole numbers from 1 to {MAX_PIXELS:,} are needed.",
+            "" if resolution is not None else "Give the resolution.",
+        )
     return K, (int(size[0]), int(size[1]))

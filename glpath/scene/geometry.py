@@ -10,14 +10,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
+from types import NoneType
 from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glpath.errors import SceneError, UsageError
 from glpath.scene.digest import digest_of
 from glpath.scene.motion import Motion
 from glpath.scene.stream import Stream
+from glpath.system.arguments import short_repr
 from glpath.system.time_limit import check_time
 
 #: Largest allowed number in a scene: its square, even multiplied by 1e8, is finite in 32 bits.
@@ -128,10 +131,42 @@ class Mesh:
         return Mesh(self.vertices[which], self.faces, **selected)
 
 
+def vector(name: str, given: ArrayLike, low: float = -LARGEST, high: float = LARGEST) -> Float64:
+    """Return three numbers as a vector (3,) float64. Raises SceneError for anything else, such as NaN.
+
+    low, high : smallest and largest allowed number
+    """
+    try:
+        found = np.asarray(given)
+        plain = found.astype(np.float64) if found.dtype.kind in "fiub" else np.zeros(0)
+    except (TypeError, ValueError):
+        plain = np.zeros(0)
+    if plain.shape != (3,) or not ((plain >= low) & (plain <= high)).all():
+        allowed = f"three finite numbers from {low:g} to {high:g}"
+        raise SceneError(f"{name}: {short_repr(given)}, but must be {allowed}.")
+    return plain
+
+
 IDENTITY = np.eye(3, 4)
 # Number of points that `instance_boxes` transforms at once, so that they fit into a cache.
 _TOGETHER = 1 << 15
 IDENTITY.flags.writeable = False
+# Geometries of a shape that are no meshes and no streams.
+_EXACT = ("sphere", "plane")
+# Names, types and descriptions of a shape's fields; `vector` checks the emission.
+_FIELDS: tuple[tuple[str, tuple[type, ...], str], ...] = (
+    ("name", (str,), "text"),
+    ("geometry", (Mesh, Stream, str), 'a Mesh, a Stream, "sphere" or "plane"'),
+    ("material", (int, np.integer), "an index into Scene.materials"),
+    ("world_from_object", (np.ndarray,), "an array of the shape (N, 3, 4)"),
+    ("emission_two_sided", (bool, np.bool_), "True or False"),
+    ("subdivisions", (int, np.integer), "a whole number"),
+    ("kind", (str,), "text"),
+    ("motion", (NoneType, Motion), "a Motion or None"),
+    ("maintenance_factor", (NoneType, int, float), "a number or None"),
+)
+# Types of all fields in order, for shapes that are already checked.
+_ALLOWED_TYPES: set[tuple[type, ...]] = set()
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,8 +200,39 @@ class Shape:
     maintenance_factor: float | None = None
 
     def __post_init__(self) -> None:
+        self._check_fields()
         if not self.kind:
             object.__setattr__(self, "kind", "mesh" if isinstance(self.geometry, Mesh) else self.primitive)
+
+    def _check_fields(self) -> None:
+        """Check types of fields, numbers of the emission, and the shape of the maps. Raises GlpathError.
+
+        Written out, because `checked_fields` would take a tenth of the time that a shape takes to load.
+        """
+        types = tuple(map(type, vars(self).values()))
+        if types not in _ALLOWED_TYPES:
+            for name, kinds, allowed in _FIELDS:
+                if not isinstance(getattr(self, name), kinds):
+                    raise self._wrong(name, allowed)
+            converted = (type(self.material), type(self.emission)) != (int, np.ndarray)
+            object.__setattr__(self, "material", int(self.material))
+            object.__setattr__(self, "emission", vector(f'shape "{self.name}": emission', self.emission, 0.0))
+            if not converted:
+                _ALLOWED_TYPES.add(types)
+        geometry: object = self.geometry
+        emission = self.emission
+        if type(geometry) is str and geometry not in _EXACT:
+            raise self._wrong("geometry", 'a Mesh, a Stream, "sphere" or "plane"')
+        red, green, blue = emission.tolist() if emission.shape == (3,) else (-1.0, -1.0, -1.0)
+        usable = emission.dtype.char == "d" and 0 <= red <= LARGEST and 0 <= green <= LARGEST
+        if not (usable and 0 <= blue <= LARGEST):
+            object.__setattr__(self, "emission", vector(f'shape "{self.name}": emission', emission, 0.0))
+        if self.world_from_object.shape[1:] != (3, 4):
+            raise self._wrong("world_from_object", "an array of the shape (N, 3, 4)")
+
+    def _wrong(self, name: str, allowed: str) -> UsageError:
+        where = f"Shape.{name}" if name == "name" else f"shape {short_repr(self.name)}: {name}"
+        return UsageError(f"{where}: {short_repr(getattr(self, name))} where {allowed} is needed")
 
     @property
     def primitive(self) -> Primitive:
@@ -208,6 +274,23 @@ class Shapes(tuple[Shape, ...]):
         An argument of type `Shapes` is returned unchanged, with its cached arrays.
         """
         return shapes if isinstance(shapes, Shapes) else cls(shapes)
+
+    def check_maps(self) -> None:
+        """Raise SceneError if a number of a shape's `world_from_object` is not finite; see `_broken_map`."""
+        if self._broken_map is not None:
+            shape = self[self._broken_map]
+            raise SceneError(f"shape {short_repr(shape.name)}: world_from_object has a number that is not finite.")
+
+    @cached_property
+    def _broken_map(self) -> int | None:
+        """Index of a shape whose `world_from_object` has a number that is not finite; None if there is none."""
+        step = _TOGETHER >> 3
+        for start in range(0, len(self), step):
+            some = [shape.world_from_object for shape in self[start : start + step]]
+            # All at once, because numpy takes long for each small array.
+            if not np.isfinite(np.concatenate(some) if len(some) > 1 else some[0]).all():
+                return next(start + i for i, maps in enumerate(some) if not np.isfinite(maps).all())
+        return None
 
     def __reduce__(self) -> tuple[object, ...]:
         return Shapes, (tuple(self),)  # without the derived arrays

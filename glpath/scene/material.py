@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from operator import attrgetter
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.errors import SceneError
 from glpath.film.image import decode_srgb
 from glpath.scene.directional_albedo import SMOOTH as SMOOTH
 from glpath.scene.directional_albedo import (
@@ -19,10 +20,10 @@ from glpath.scene.directional_albedo import (
     hemispherical_albedo,
     plastic_entry,
 )
-from glpath.scene.geometry import Float64
+from glpath.scene.geometry import LARGEST, Float64, vector
 from glpath.scene.iridescence import film_reflects
 from glpath.scene.slab import between_faces, hemispherical
-from glpath.system.arguments import checked_fields
+from glpath.system.arguments import check_count, check_word, checked_fields, short_repr
 
 Wrap = Literal["repeat", "clamp", "mirror"]
 Layering = Literal["gltf", "plastic", "disney", "beside"]
@@ -43,6 +44,50 @@ CHARLIE_LAMBDA = (
 _LINEAR = (np.arange(256) / 255.0).astype(np.float32)
 # Linear value of each byte of an sRGB colour.
 _FROM_SRGB = decode_srgb(np.arange(256) / 255.0).astype(np.float32)
+# Maximum of a fraction; rounding errors of readers may exceed 1.
+_ONE = 1.0 + 1e-6
+# Maximum index of a texture.
+_MAX_TEXTURES = (1 << 31) - 1
+# Smallest and largest number of each field of a `Material` that is a colour. Attenuation may be very large, because
+# files give it as the colour that is left after a short distance.
+_COLOURS = (
+    ("reflectance", 0.0, _ONE),
+    ("specular", 0.0, LARGEST),
+    ("mirror", 0.0, _ONE),
+    ("specular_colour", 0.0, LARGEST),
+    ("attenuation", 0.0, 1e300),
+    ("sheen", 0.0, _ONE),
+    ("diffuse_transmission_colour", 0.0, _ONE),
+)
+# Smallest and largest value of each field that is a number.
+_NUMBERS = (
+    ("exponent", 0.0, LARGEST),
+    ("roughness", 0.0, _ONE),
+    ("metallic", 0.0, _ONE),
+    ("anisotropy", 0.0, _ONE),
+    ("anisotropy_angle", -LARGEST, LARGEST),
+    ("ior", 0.0, LARGEST),
+    ("specular_weight", 0.0, _ONE),
+    ("transmission", 0.0, _ONE),
+    ("clearcoat", 0.0, _ONE),
+    ("clearcoat_roughness", 0.0, _ONE),
+    ("sheen_roughness", 0.0, _ONE),
+    ("diffuse_transmission", 0.0, _ONE),
+    ("iridescence", 0.0, _ONE),
+    ("iridescence_ior", 0.0, LARGEST),
+    ("iridescence_thickness", 0.0, LARGEST),
+    ("iridescence_thickness_min", 0.0, LARGEST),
+    ("opacity", 0.0, _ONE),
+    ("cutoff", -LARGEST, LARGEST),
+    ("normal_scale", -LARGEST, LARGEST),
+    ("clearcoat_normal_scale", -LARGEST, LARGEST),
+)
+# Allowed words of each field that is a word.
+_WORDS = {
+    "distribution": ("ggx", "beckmann"),
+    "layering": get_args(Layering),
+    "alpha": ("opaque", "mask", "blend"),
+}
 #: The fields of a `Material` that are texture slots.
 SLOTS = (
     "texture",
@@ -119,6 +164,7 @@ class Texture:
         return np.asarray(largest, np.float64)
 
 
+@checked_fields
 @dataclass(frozen=True)
 class TextureSlot:
     """Use of a texture by a material.
@@ -132,7 +178,16 @@ class TextureSlot:
     uv_set: Literal[0, 1] = 0
     uv_transform: Float64 = field(default_factory=lambda: np.eye(2, 3))
 
+    def __post_init__(self) -> None:
+        check_count("TextureSlot.texture", self.texture, 0, _MAX_TEXTURES)
+        check_count("TextureSlot.uv_set", self.uv_set, 0, 1)
+        matrix = np.asarray(self.uv_transform, np.float64)
+        if matrix.shape != (2, 3) or not np.isfinite(matrix).all():
+            raise SceneError(f"TextureSlot.uv_transform: {short_repr(matrix)}, but must be 2 x 3 finite numbers.")
+        object.__setattr__(self, "uv_transform", matrix)
 
+
+@checked_fields
 @dataclass(frozen=True)
 class Material:
     """Material: a base, diffuse or of metal, under specular layers.
@@ -207,6 +262,8 @@ class Material:
                                    multiplies its colour
     sheen_texture        : colour multiplies sheen; alpha of sheen_roughness_texture multiplies its roughness
     specular_texture     : alpha multiplies specular_weight; specular_colour_texture multiplies specular_colour
+
+    Raises UsageError for fields of a wrong type, and SceneError for numbers outside of their range.
     """
 
     name: str
@@ -264,6 +321,21 @@ class Material:
     diffuse_transmission_colour_texture: TextureSlot | None = None
     sheen_texture: TextureSlot | None = None
     sheen_roughness_texture: TextureSlot | None = None
+
+    def __post_init__(self) -> None:
+        where = f"material {short_repr(self.name)}: "
+        for name, words in _WORDS.items():
+            check_word(where + name, getattr(self, name), words)
+        for name, low, high in _COLOURS:
+            object.__setattr__(self, name, vector(where + name, getattr(self, name), low, high))
+        for name, low, high in _NUMBERS:
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise SceneError(f"{where}{name}: {short_repr(value)}, but must be from {low:g} to {high:g}.")
+        if self.metal_index is not None:
+            index = np.asarray(self.metal_index, np.float64)
+            if index.shape != (2, 3) or not np.isfinite(index).all():
+                raise SceneError(f"{where}metal_index: {short_repr(index)}, but must be 2 x 3 finite numbers.")
 
     @property
     def has_lobes(self) -> bool:

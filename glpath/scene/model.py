@@ -6,26 +6,41 @@ Quads and boxes are already meshes here. Spheres and planes stay exact, for engi
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from types import NoneType
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError, UsageError, encodable
-from glpath.film.units import Unit
+from glpath.film.image import check_exposure
+from glpath.film.units import UNITS, Unit
 from glpath.scene.background import Background
 from glpath.scene.camera import Camera, framing, may_be_framing
+from glpath.scene.camera_check import check_camera
 from glpath.scene.digest import digest_of
-from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
+from glpath.scene.geometry import (
+    LARGEST,
+    Float64,
+    Int32,
+    Mesh,
+    Primitive,
+    Shape,
+    Shapes,
+    placed,
+    sphere_extent,
+    vector,
+)
 from glpath.scene.material import Material, Texture, TextureSlot, averaged, moved_textures
 from glpath.scene.portal import MAX_PORTALS, Portal
 from glpath.scene.profile import LightProfile
 from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
 from glpath.scene.studio import ground_below, nearest_axis, studio
-from glpath.system.arguments import checked, checked_fields, short_repr
+from glpath.system.arguments import check_word, checked, checked_fields, short_repr
 from glpath.system.time_limit import check_time
 
 __all__ = [
@@ -92,6 +107,16 @@ class Light:
     c0: Float64 = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     maintenance_factor: float | None = None
 
+    def __post_init__(self) -> None:
+        where = f"light {short_repr(self.name)}: "
+        for name, low in (("intensity", 0.0), ("position", -LARGEST), ("direction", -LARGEST), ("c0", -LARGEST)):
+            object.__setattr__(self, name, vector(where + name, getattr(self, name), low))
+        check_word(where + "kind", self.kind, get_args(LightKind))
+        check_word(where + "falloff", self.falloff, ("quadratic", "none"))
+        inner, outer = self.cone
+        if not 0 <= inner <= outer <= 180:
+            raise SceneError(f"{where}cone: {short_repr(self.cone)}, but must be two angles, the inner one first.")
+
 
 @checked
 @dataclass(frozen=True, repr=False)
@@ -111,6 +136,9 @@ class Scene:
     centred_by   : (3,) float64 point that `centred` subtracted from all coordinates of this scene; None if the
                    coordinates are those of the file
     unit         : unit of all light in the scene, "radiometric" (W) or "photometric" (lm); see `glpath.film.units`
+
+    Raises UsageError for fields of a wrong type, and SceneError for numbers outside of their range and for a camera
+    without a view.
     """
 
     name: str
@@ -131,6 +159,9 @@ class Scene:
     def __post_init__(self) -> None:
         self._check_types()
         object.__setattr__(self, "shapes", Shapes.of(self.shapes))
+        object.__setattr__(self, "ambient", vector("Scene.ambient", self.ambient, 0.0))
+        if self.centred_by is not None:
+            object.__setattr__(self, "centred_by", vector("Scene.centred_by", self.centred_by))
         for name in ("name", "source"):
             object.__setattr__(self, name, encodable(getattr(self, name)))
         if len(self.portals) > MAX_PORTALS:
@@ -138,6 +169,8 @@ class Scene:
                 f"{self.source or self.name}: {len(self.portals)} portals, but allowed are {MAX_PORTALS} at most.",
                 "Give one rectangle around several openings that lie in a plane.",
             )
+        check_camera(self.camera, self.source or self.name)
+        self.shapes.check_maps()
         for shape in self.shapes:
             if not isinstance(shape.geometry, Mesh) or not shape.count:
                 continue
@@ -160,11 +193,11 @@ class Scene:
 
     def _check_types(self) -> None:
         """Raise UsageError for fields of wrong types."""
-        for name in ("name", "source"):
-            if not isinstance(getattr(self, name), str):
-                raise UsageError(f"Scene.{name}: {short_repr(getattr(self, name))} where text is needed")
-        if not isinstance(self.camera, Camera | None):
-            raise UsageError(f"Scene.camera: {short_repr(self.camera)} where a Camera is needed")
+        for name, kinds, allowed in _FIELDS:
+            if not isinstance(getattr(self, name), kinds):
+                raise UsageError(f"Scene.{name}: {short_repr(getattr(self, name))} where {allowed} is needed")
+        check_exposure(None if self.exposure is None else float(self.exposure))
+        check_word("Scene.unit", self.unit, UNITS)
         for name, kind in _ELEMENTS.items():
             values = getattr(self, name)
             # `Shapes` is passed on unchecked, because it may have a million elements.
@@ -380,6 +413,7 @@ class Scene:
         may_frame = changes.keys() == {"resolution"} or ("up" in changes and np.any(seen.up))
         if camera is None and may_frame and _is_framed(self):
             if not changes.keys() & {"position", "target"}:
+                check_camera(seen, self.source or self.name)  # because `framing` needs a valid resolution
                 framed = framing(self.framed_points, seen.resolution, seen.up)
                 seen = replace(seen, position=framed.position, target=framed.target)
             scene = _with_studio_turned(self, seen.up)
@@ -415,9 +449,20 @@ class Scene:
         """
         if camera:
             return digest_of(self)
-        return digest_of(replace(self, camera=None, background=None))  # type: ignore[arg-type]
+        without = copy(self)  # `replace` would refuse a scene without a camera
+        vars(without).update(camera=None, background=None)
+        return digest_of(without)
 
 
+# Types of fields of a scene, and their descriptions.
+_FIELDS: tuple[tuple[str, tuple[type, ...], str], ...] = (
+    ("name", (str,), "text"),
+    ("source", (str,), "text"),
+    ("camera", (Camera,), "a Camera"),
+    ("sky", (Sky, Environment, NoneType), "a Sky, an Environment or None"),
+    ("background", (Background, NoneType), "a Background or None"),
+    ("exposure", (int, float, np.floating, NoneType), "a number or None"),
+)
 # Type of the elements of each field of a scene that is a tuple.
 _ELEMENTS: dict[str, type] = {
     "shapes": Shape,

@@ -19,29 +19,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneError
 from glpath.scene.digest import digest_of
-from glpath.scene.geometry import perpendicular
+from glpath.scene.geometry import LARGEST, perpendicular, vector
 from glpath.scene.sun import Sun
-from glpath.system.arguments import checked_fields, short_repr
+from glpath.system.arguments import checked_fields
 
 Float64 = NDArray[np.float64]
 
 # Maximum ratio of a sky's maximum radiance to its `typical_radiance`. The sums of an image can hold it, because
 # they hold nearly 2**24 times the typical radiance (`glpath.gl.sums`).
 _SUMS_HOLD = 2.0**20
-# Maximum radiance, as in scene files. Its square fits into a 32-bit float.
-_LARGEST = 1e15
 # Ratio of a half row's power to the mean of all half rows, above which the half row counts as having a sun.
 _SUN = 4.0
 # Number of Newton steps in `_Halves.angles`. The first guess would be exact if the sine were constant.
 _STEPS = 4
-
-
-def _three_numbers(name: str, given: ArrayLike) -> Float64:
-    """Return a vector (3,). Raises SceneError for another shape, and for numbers that are not finite."""
-    vector = np.asarray(given, np.float64)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise SceneError(f"{name}: {short_repr(given)}, but must be three finite numbers.")
-    return vector
 
 
 @checked_fields
@@ -53,7 +43,7 @@ class Sky:
     up              : (3,) float64 unit
     assumed         : True if it substitutes for light that a file lacks: images use it, and measurements reject it
 
-    Raises SceneError for vectors of another shape, and for numbers that are not finite.
+    Raises SceneError for vectors of another shape, negative radiance, and numbers that are not finite.
     """
 
     zenith: Float64
@@ -62,8 +52,8 @@ class Sky:
     assumed: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("zenith", "horizon", "up"):
-            object.__setattr__(self, name, _three_numbers(f"Sky.{name}", getattr(self, name)))
+        for name, low in (("zenith", 0.0), ("horizon", 0.0), ("up", -LARGEST)):
+            object.__setattr__(self, name, vector(f"Sky.{name}", getattr(self, name), low))
 
     def radiance(self, directions: ArrayLike) -> Float64:
         """Return the (..., 3) radiance in W sr^-1 m^-2 in unit directions (..., 3)."""
@@ -143,15 +133,15 @@ class Environment:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "image", np.ascontiguousarray(self.image, np.float32))
-        object.__setattr__(self, "up", _three_numbers("Environment.up", self.up))
+        object.__setattr__(self, "up", vector("Environment.up", self.up))
         shape = self.image.shape
         if len(shape) != 3 or shape[2] != 3 or not self.image.size:
             raise SceneError(f"Environment.image: an array of shape {shape}, but must be (h, w, 3).")
         low, high = float(self.image.min()), float(self.image.max())
-        if not (low >= 0 and 0 <= self.scale < np.inf and high * self.scale <= _LARGEST):
+        if not (low >= 0 and 0 <= self.scale < np.inf and high * self.scale <= LARGEST):
             raise SceneError(
                 f"Environment: values from {low:g} to {high:g} times {self.scale:g}, but radiance must be from 0 "
-                f"to {_LARGEST:g}.",
+                f"to {LARGEST:g}.",
                 "Clip the image: np.clip(image, 0, 65504).",
             )
         if not (np.isfinite(self.rotation) and np.isfinite(self.up).all() and np.linalg.norm(self.up) > 0):

@@ -16,6 +16,7 @@ from glpath.errors import UsageError
 from glpath.scene.camera import CameraKey
 from glpath.scene.centre import moved_camera, origin_of
 from glpath.scene.choices import Projection
+from glpath.scene.geometry import LARGEST
 from glpath.scene.model import Camera, Scene
 
 Vector = tuple[float, float, float]
@@ -297,7 +298,7 @@ class PointSensor:
         x, y, z = self.middle
         camera = Camera(
             np.array([x, y, z]),
-            np.array([x + 1.0 + abs(x), y, z]),
+            np.array([x + 1.0 + abs(x) if x < 0.4 * LARGEST else 0.0, y, z]),  # never beyond LARGEST
             np.array([0.0, 0.0, 1.0]),
             fov=90.0,
             resolution=self.resolution,

@@ -542,11 +542,15 @@ def _type_of(text: str, namespace: Mapping[str, Any]) -> _Type | None:
     return _Type(lambda given: isinstance(given, value), _with_article(head))
 
 
-def _words_type(words: tuple[str, ...]) -> _Type:
-    """Return the type for a Literal of words. It accepts any text, because functions check the words themselves."""
-    return _Type(
-        lambda value: isinstance(value, str), " or ".join(f'"{word}"' for word in words), _without_subclass
-    )
+def _words_type(words: tuple[str | int, ...]) -> _Type:
+    """Return the type for a Literal of words or whole numbers.
+
+    It accepts any text or any whole number, because functions check the words themselves.
+    """
+    if all(isinstance(word, int) for word in words):
+        return _Type(_is_whole, " or ".join(map(str, words)), _plain_number)
+    allowed = " or ".join(f'"{word}"' for word in words)
+    return _Type(lambda value: isinstance(value, str), allowed, _without_subclass)
 
 
 def _tuple_type(parts: Sequence[str], namespace: Mapping[str, Any]) -> _Type | None:

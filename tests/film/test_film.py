@@ -6,6 +6,7 @@ import io
 import json
 from dataclasses import asdict, replace
 from itertools import pairwise
+from typing import Any
 
 import imageio.v3 as iio
 import numpy as np
@@ -90,13 +91,26 @@ def test_a_path_set_cannot_be_added_twice(make_film: MakeFilm) -> None:
 def test_nothing_that_is_not_finite_gets_into_the_sums(make_film: MakeFilm, value: float) -> None:
     radiance = np.ones((4, 6, 3))
     radiance[1, 2, 0] = value
-    with pytest.raises(AssertionError, match="NaN or an infinity"):
+    with pytest.raises(UsageError, match="NaN or an infinity"):
         make_film([]).add(0, 1, radiance)
 
 
-def test_a_sum_over_two_batches_is_refused(make_film: MakeFilm) -> None:
-    with pytest.raises(AssertionError, match="one block"):
-        make_film([]).add(BLOCK - 1, BLOCK + 1, np.ones((4, 6, 3)))
+@pytest.mark.parametrize(
+    ("start", "stop", "radiance", "aovs", "message"),
+    [
+        (BLOCK - 1, BLOCK + 1, np.ones((4, 6, 3)), {}, "one block"),
+        (1, 1, np.ones((4, 6, 3)), {}, "path sets 1..1 where a start"),
+        (-1, 1, np.ones((4, 6, 3)), {}, "path sets -1..1 where a start"),
+        (1, 2, np.ones((4, 6, 4)), {}, r"radiance_sum of shape \(4, 6, 4\) where \(4, 6, 3\)"),
+        (1, 2, 1.0, {}, r"radiance_sum of shape \(\)"),
+        (1, 2, np.ones((4, 6, 3)), {"depth": np.ones((4, 6, 2))}, "aov_sums has"),
+    ],
+)
+def test_sums_that_do_not_fit_are_refused(
+    make_film: MakeFilm, start: int, stop: int, radiance: Any, aovs: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(UsageError, match=message):
+        make_film([]).add(start, stop, radiance, aovs)
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.errors import UsageError
+from glpath.errors import GlpathError
 from glpath.scene import Scene
 
 K = np.array([[50.0, 0.0, 24.0], [0.0, 50.0, 16.0], [0.0, 0.0, 1.0]])
 #: Centres of small balls, which pictures must show where they are projected.
 BALLS = np.array([[0.6, 0.3, 0.0], [-0.7, -0.4, 0.5], [0.1, -0.5, -0.8]])
+
+
+BAD_SIZES = [(0, 3), (np.nan, np.nan), (np.inf, 2), (10**9, 10**9), (1.5, 2)]
+FAR = np.eye(4)
+FAR[0, 3] = 1e308
 
 
 def with_entry(row: int, column: int, value: float) -> np.ndarray:
@@ -141,9 +146,12 @@ def test_a_shifted_principal_point_is_a_part_of_a_larger_picture() -> None:
         (np.full((4, 4), np.nan), K, {}, "not finite"),
         ("pose", K, {}, "where an array of numbers is needed"),
         (np.eye(4), K, {"convention": "blender"}, "convention"),
-        (np.eye(4), K, {"resolution": (0, 3)}, "resolution"),
+        *((np.eye(4), K, {"resolution": size}, "resolution") for size in BAD_SIZES),
+        (np.eye(4), with_entry(0, 2, 1e308), {}, "resolution of twice the principal point"),
+        (FAR, K, {}, r"poses\[0\]: camera.position is"),
+        (np.eye(4), np.where([[1, 0, 0], [0, 1, 0], [0, 0, 0]], 1e-308, K), {}, r"poses\[0\]: camera.fov is 180"),
     ],
 )
 def test_mistakes_are_explained(poses: Any, k: Any, options: dict[str, Any], message: str) -> None:
-    with pytest.raises(UsageError, match=message):
+    with pytest.raises(GlpathError, match=message):
         glpath.render_views("cornell-box", poses, k, spp=1, **options)

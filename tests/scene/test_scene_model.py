@@ -7,6 +7,7 @@ import pickle
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -119,6 +120,14 @@ def everything() -> Scene:
     )
 
 
+def unchecked(value: Any, name: str, changed: Any) -> Any:
+    """Return a dataclass with a field replaced, without the checks of its constructor."""
+    made = object.__new__(type(value))
+    changed = Shapes(changed) if name == "shapes" else changed
+    vars(made).update({each.name: getattr(value, each.name) for each in fields(value)} | {name: changed})
+    return made
+
+
 def mutations(value: Any, declared: Any = None) -> Iterator[tuple[str, Any]]:
     """Everything that differs from `value` in one place, with the path of that place: by what it is declared as."""
     options = [each for each in (get_args(declared) or ()) if get_origin(declared) is not tuple]
@@ -135,7 +144,7 @@ def mutations(value: Any, declared: Any = None) -> Iterator[tuple[str, Any]]:
         hints = get_type_hints(type(value))
         for each in fields(value):
             for path, changed in mutations(getattr(value, each.name), hints[each.name]):
-                yield f".{type(value).__name__}.{each.name}{path}", replace(value, **{each.name: changed})
+                yield f".{type(value).__name__}.{each.name}{path}", unchecked(value, each.name, changed)
     elif isinstance(value, np.ndarray):
         for index in np.ndindex(value.shape):
             changed = value.astype(float)
@@ -347,6 +356,14 @@ def test_what_is_derived_stays_with_the_shapes_and_cannot_be_written_to():
         ("name", None),
         ("source", 5),
         ("camera", "x"),
+        ("camera", None),
+        ("ambient", 1.0),
+        ("ambient", [math.nan] * 3),
+        ("sky", "x"),
+        ("background", "x"),
+        ("exposure", "x"),
+        ("centred_by", 1),
+        ("unit", "bogus"),
         ("shapes", None),
         ("shapes", [1]),
         ("materials", None),
@@ -385,6 +402,59 @@ def test_a_scene_refuses_fields_of_other_types(name: str, value: Any) -> None:
 def test_wrong_arguments_of_scene_objects_are_refused(call: Callable[[Any], object]) -> None:
     with pytest.raises(GlpathError):
         call(load_scene("cornell-box-36"))
+
+
+COLOURS = [np.full(3, math.nan), -np.ones(3), np.full(3, 1e308), np.ones(4), np.ones(3, complex), 1.0, "abc", None]
+
+
+@pytest.mark.parametrize("value", COLOURS, ids=str)
+@pytest.mark.parametrize(("tuple_name", "field"), [("shapes", "emission"), ("materials", "reflectance")])
+def test_a_replaced_colour_that_is_none_is_refused(tuple_name: str, field: str, value: Any) -> None:
+    first = getattr(load_scene("cornell-box-36"), tuple_name)[0]
+    with pytest.raises(GlpathError, match=field):
+        replace(first, **{field: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("geometry", None), ("material", 0.5), ("motion", 1), ("world_from_object", np.eye(3, 4))]
+)
+def test_a_shape_refuses_fields_of_other_types(name: str, value: Any) -> None:
+    with pytest.raises(GlpathError, match=name):
+        replace(load_scene("cornell-box-36").shapes[0], **{name: value})
+
+
+def test_a_shape_and_a_material_accept_lists() -> None:
+    one = load_scene("cornell-box-36")
+    for _ in range(2):  # the second shape of the same types takes a shorter path
+        made = replace(one.shapes[0], emission=[1, 2, 3], material=np.int64(1))
+        assert made.emission.dtype == np.float64
+        assert type(made.material) is int
+    assert replace(one.materials[0], reflectance=[0, 1, 0]).reflectance.dtype == np.float64
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"fov": math.nan},
+        {"position": [math.nan] * 3},
+        {"position": [1e308] * 3},
+        {"resolution": (math.nan, math.nan)},
+        {"resolution": (math.inf, 2)},
+        {"resolution": (0, 4)},
+        {"resolution": (1.5, 2)},
+        {"resolution": (Fraction(1, 2), 4)},
+        {"projection": "\ud800"},
+        {"shutter": (64, 0)},
+        {"focus_distance": -1},
+    ],
+    ids=ascii,
+)
+def test_a_scene_refuses_a_camera_without_a_view(change: dict[str, Any]) -> None:
+    one = load_scene("cornell-box-36")
+    with pytest.raises(SceneError, match=f"{one.source}: .*{next(iter(change)).replace('projection', 'type')} is "):
+        one.with_camera(**change)
+    with pytest.raises(SceneError):
+        replace(one, camera=replace(one.camera, **change))
 
 
 def test_a_sky_accepts_lists() -> None:

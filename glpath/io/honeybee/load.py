@@ -32,7 +32,7 @@ from glpath.io.honeybee.modifiers import CONTEXT, Modifiers
 from glpath.io.polygons import polygon_errors_at, polygon_normal, split_faces, triangulated, warn_of_crossing
 from glpath.io.values import LARGEST
 from glpath.scene.camera import Camera
-from glpath.scene.check import check_camera
+from glpath.scene.camera_check import check_camera
 from glpath.scene.cie_sky import cie_sky
 from glpath.scene.geometry import IDENTITY, Float64
 from glpath.scene.model import Environment, Mesh, Scene, Shape, Shapes, Sky

@@ -20,7 +20,7 @@ from glpath.io.mitsuba.surfaces import Surfaces
 from glpath.io.mitsuba.textures import Textures
 from glpath.io.up_axis import Up
 from glpath.scene.background import Background
-from glpath.scene.check import check_camera
+from glpath.scene.camera_check import check_camera
 from glpath.scene.model import Scene, Shapes
 from glpath.scene.source_location import SourceLocation
 
