@@ -417,7 +417,7 @@ def _is_labels(value: Any) -> bool:
 
 
 def _has_class_name(name: str, value: object) -> bool:
-    return any(kind.__name__ == name for kind in type(value).__mro__)
+    return any(_class_name(kind) == name for kind in type(value).__mro__)
 
 
 def _is_iterable(value: object) -> bool:

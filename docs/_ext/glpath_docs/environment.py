@@ -52,6 +52,10 @@ OTHERS = {
     "MESA_SHADER_CACHE_DIR": ("a folder", "where Mesa keeps compiled shaders; `glpath doctor` checks it"),
     "XDG_CACHE_HOME": ("a folder", "where Mesa keeps them without the variable before"),
     "HOME": ("a folder", "where Mesa keeps them without either, in `.cache`"),
+    "MPLBACKEND": ("the name of a backend", "ignored by commands; in Python, matplotlib uses it"),
+    "_GLPATH_COMPLETE": ("`complete_bash` ...", "what a shell asks for when it completes a command"),
+    "COMP_WORDS": ("words", "the command that bash completes"),
+    "COMP_CWORD": ("a number", "the word that bash completes"),
 }
 #: Variables that only libraries read, but that are useful to users of glpath.
 OF_LIBRARIES = {
