@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -17,6 +16,8 @@ from glpath.cli.unattended import keep_after_failure, left_in, watched
 from glpath.cli.values import check_inside
 from glpath.errors import GlpathError, UsageError
 from glpath.film.aovs import with_guides
+from glpath.film.choices import INTERRUPTED_RULE, RULES
+from glpath.system.log import log
 
 if TYPE_CHECKING:
     from glpath.cli.run_request import RunRequest
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from glpath.rendering.run_options import RunOptions
     from glpath.scene import Scene
 
-log = logging.getLogger("glpath")
 
 # Function that renders a film with the given options of a run.
 Start = Callable[["RunOptions"], "Film"]
@@ -148,4 +148,6 @@ def _film_of(
     except KeyboardInterrupt:  # Ctrl-C came while the render was not handling signals
         if not films:
             raise
+        if films[0].metadata.stop_rule not in RULES:
+            films[0].metadata = replace(films[0].metadata, stop_rule=INTERRUPTED_RULE)
     return films[0], None
