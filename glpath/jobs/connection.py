@@ -359,7 +359,7 @@ def quiet(level: int = logging.CRITICAL) -> Any:
 
 
 def hide_teardown() -> None:
-    """Hide Dask's tracebacks of the end of a cluster in this process, which Dask logs whenever its threads get there.
+    """Hide tracebacks that Dask's threads in this process log while a cluster ends.
 
     They are the cancellation of a task, a connection that the other side has closed, and the removal of shared data
     that a restarted worker does not have.
