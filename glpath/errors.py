@@ -190,7 +190,12 @@ def warn(text: str, late: bool = False) -> None:
     # A filter of `warnings` may turn the warning into an exception. A strict scope suppresses this exception,
     # because `late` holds the warning.
     with suppress(SceneWarning) if scope.strict else nullcontext():
-        warnings.warn(SceneWarning(text), stacklevel=level)
+        try:
+            warnings.warn(SceneWarning(text), stacklevel=level)
+        except SceneWarning:
+            raise
+        except Exception:  # of the function or stream that shows warnings; reporting never ends the work
+            return
 
 
 def _is_shown(text: str, level: int) -> bool:

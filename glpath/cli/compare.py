@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glpath.cli.help import command_help
+from glpath.cli.signals import hold
 from glpath.errors import ImageError, UsageError
 from glpath.system.terminal import say, say_json
 
 if TYPE_CHECKING:
     from glpath.compare import Verdict
+
+#: Exit code if the numbers cannot be printed (EX_IOERR of sysexits.h); 1 would mean that the pictures differ.
+NOT_PRINTED = 74
 
 
 def register(app: typer.Typer) -> None:
@@ -24,7 +28,8 @@ def register(app: typer.Typer) -> None:
         ("glpath diff a.exr b.exr -o difference.png", "where they differ"),
         ("glpath diff new.npz old.npz --mode stat", "the same but for their noise?"),
     )
-    epilog = "Exit codes: 0 done, 1 failed, above --fail or not the same by --mode, 2 wrong usage."
+    epilog = "Exit codes: 0 done, 1 failed, above --fail or not the same by --mode, 2 wrong usage, "
+    epilog += f"{NOT_PRINTED} standard output cannot be written."
     app.command(epilog=epilog, **help)(diff)
 
 
@@ -109,30 +114,40 @@ def diff(
     beyond = None
     if fail is not None and failpercent is not None:
         beyond = measured["percent beyond"] = compare.percent_beyond(a, b, fail)
-    full_colour, failure = None, None
+    full_colour: float | None = None
+    failure: ImageError | None = None
+    hold()
     if out is not None:
         picture, full_colour = compare.difference_image(a, b, scale)
         try:  # written before the numbers are printed, because printing may fail
             write_png(out, picture, {"Software": "glpath", "glpath.scale": repr(full_colour)})
         except ImageError as error:
             failure = error
-    if as_json:
-        # JSON has neither infinity nor NaN, so null replaces them.
-        plain = {key: value if math.isfinite(value) else None for key, value in measured.items()}
-        judged = {} if verdict is None else _as_json(verdict, ours.differences_in_making(theirs))
-        files = {"image": str(image), "reference": str(reference)}
-        say_json({**files, **plain, "scale": full_colour, **judged})
-    else:
+
+    def report() -> None:
+        if as_json:
+            # JSON has neither infinity nor NaN, so null replaces them.
+            plain = {key: value if math.isfinite(value) else None for key, value in measured.items()}
+            judged = {} if verdict is None else _as_json(verdict, ours.differences_in_making(theirs))
+            files = {"image": str(image), "reference": str(reference)}
+            say_json({**files, **plain, "scale": full_colour, **judged})
+            return
         for key, value in measured.items():
             unit = {"PSNR": " dB", "percent beyond": f" of the pixels differ by more than {fail}"}.get(key, "")
             say(f"{key:<10}  {value:.6g}{unit}")
         if verdict is not None:
             for line in _verdict_lines(verdict, ours.differences_in_making(theirs)):
                 say(line)
+        if out is not None and failure is None:
+            say(f"wrote {out}; full colour is a relative difference of {full_colour:.3g}")
+
+    try:
+        report()
+    except ImageError as error:
+        say(f"glpath: error: {error}", err=True)
+        raise typer.Exit(NOT_PRINTED) from error
     if failure is not None:
         raise failure
-    if out is not None and not as_json:
-        say(f"wrote {out}; full colour is a relative difference of {full_colour:.3g}")
     reasons = []
     if verdict is not None and not verdict.passed:
         reasons.append(f"not the same by --mode {mode}")

@@ -21,7 +21,7 @@ from glpath.cli.options import with_options
 from glpath.cli.run_request import OF_DAYLIGHT, RunRequest
 from glpath.cli.running import workers_of
 from glpath.cli.scene import HELP, Parameters, read_scene
-from glpath.cli.signals import exit_code, release, result_of
+from glpath.cli.signals import exit_code, hold, release, result_of
 from glpath.cli.typed import typed_command
 from glpath.cli.values import check_choice, shard_of, vector
 from glpath.errors import UsageError
@@ -323,6 +323,7 @@ def daylight(
             targets |= {path: year.save_as(of_year) for path in others if path not in targets}
             lines += year_summary(of_year)
         targets |= saves_shown(shown, found, of_year, show)
+        hold()  # coefficients from a file were not computed by `_computed`, but their year or figure was
         _, failure = save_all(targets, rescue, "The coefficients are kept in {}.")
         if failure is not None:
             raise failure

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -10,9 +11,11 @@ import typer
 from glpath.cli.help import command_help
 from glpath.cli.scene import Parameters, SceneArgument, read_scene, seen
 from glpath.cli.scene_options import OF_SHAPES, with_scene_options
+from glpath.cli.signals import result_of
 from glpath.cli.values import resolution as read_resolution
 from glpath.io.export import MAX_DEPTH, SPP, check_export, exported, is_for_mitsuba
-from glpath.system.files import check_outputs, is_stream
+from glpath.io.export.mitsuba_xml import files_folder
+from glpath.system.files import check_outputs, check_writable, save_all
 from glpath.system.terminal import say
 
 _FOR_MITSUBA = "With -o FILE.xml"
@@ -68,15 +71,22 @@ def export(
     # which rejects them.
     for_mitsuba = {path: is_for_mitsuba(path) for path in out}
     settings = {
-        path: (max_depth, spp) if known or not any(for_mitsuba.values()) else (None, None)
+        path: {"max_depth": max_depth, "spp": spp}
+        if known or not any(for_mitsuba.values())
+        else {"max_depth": None, "spp": None}
         for path, known in for_mitsuba.items()
     }
     for path in out:
-        check_export(path, *settings[path])
+        check_export(path, **settings[path])
     size = None if resolution is None else read_resolution(resolution)
-    loaded = seen(read_scene(scene, parameters), size, {})
+    loaded = result_of(lambda: seen(read_scene(scene, parameters), size, {}))
     check_outputs(out, [scene])
-    for path in sorted(out, key=is_stream):  # pipes last, because writing to a pipe may block
-        exported(loaded, path, *settings[path])
-        if not quiet:
+    for path in out:
+        if for_mitsuba[path]:
+            check_writable(files_folder(path) / "mesh.ply")
+    written, failure = save_all({path: partial(exported, loaded, **settings[path]) for path in out})
+    if not quiet:
+        for path in written:
             say(f"wrote {path}", err=True)
+    if failure is not None:
+        raise failure

@@ -14,6 +14,7 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -232,11 +233,38 @@ class FramesToRender:
             ended_early = self._write(todo, rendering.render_frames(scene, shown, **options, **vars(run)))
         if ended_early:
             raise typer.Exit(exit_code())
+        if self.movies:
+            self._write_movies(len(todo))
+
+    def _write_movies(self, done: int) -> None:
+        """Encode all frames. A signal ends the encoding, because the frames stay and `--resume` encodes them again.
+
+        done : number of frames that this command has rendered
+        """
         pictures = next((path for path in self.out if path.suffix.lower() in EIGHT_BIT), None)
-        for movie in self.movies:
-            assert pictures is not None, "asked for by Frames.split"
-            write_movie(movie, [frames.path(pictures, i) for i in range(frames.first, frames.stop)], self.fps)
+        assert pictures is not None, "asked for by Frames.split"
+        paths = [self.frames.path(pictures, i) for i in range(self.frames.first, self.frames.stop)]
+        try:
+            written, failure = save_all(
+                {movie: partial(write_movie, frames=paths, fps=self.fps) for movie in self.movies}
+            )
+        except KeyboardInterrupt:
+            self._tell_interrupted(done, done)
+            raise typer.Exit(exit_code()) from None
+        for movie in written:
             self._tell({"event": "movie", "file": str(movie)}, f"wrote {movie}")
+        if failure is not None:
+            raise failure
+
+    def _tell_interrupted(self, done: int, count: int) -> None:
+        """Report a signal after `done` of `count` frames."""
+        if done < count:
+            left = "--resume renders the others"
+        else:
+            which, them = ("the movie is", "it") if len(self.movies) == 1 else ("the movies are", "them")
+            left = f"{which} not; --resume makes {them}"
+        if self.run.mode != "json":
+            self._tell({}, f"interrupted: {done} of {count} frames are written; {left}")
 
     def _write(self, todo: Sequence[int], films: Iterator[Film]) -> bool:
         """Write each frame when its film is done. Return True if a signal ended the job before the last frame."""
@@ -258,10 +286,9 @@ class FramesToRender:
                 self._tell_of(done, len(todo), time.perf_counter() - started, list(map(str, paths)))
                 release()
         except KeyboardInterrupt:
-            if self.run.mode != "json":
-                self._tell(
-                    {}, f"interrupted: {done} of {len(todo)} frames are written; --resume renders the others"
-                )
+            if done == len(todo) and not self.movies:
+                return False  # nothing is left to do
+            self._tell_interrupted(done, len(todo))
             return True
         return arrived() and done < len(todo)
 

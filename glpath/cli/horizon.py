@@ -12,6 +12,7 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.help import command_help
 from glpath.cli.point_files import MAX_LINE
+from glpath.cli.signals import result_of
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError
 from glpath.system.files import Save, check_outputs, save_all
@@ -146,22 +147,24 @@ def horizon(
     terrain = load_height_field(field, spacing=spacing, holes=holes)
     at = None if points is None else _points(points, classes)
     began = time.perf_counter()
-    with reporting("none" if quiet else progress, sys.stderr, lambda event: event) as report:
-        found = horizon_of(
-            terrain,
-            at,
-            None if surface == "horizontal" else "surface",
-            height=height,
-            azimuths=azimuths,
-            on_progress=report,
-        )
-        values: Any
-        if quantity == "sky-view-factor":
-            values = found.sky_view_factor()
-        elif quantity == "sun-hours":
-            values = found.sun_hours(*sun_table)
-        else:
-            values = found.direct_irradiation(*sun_table)
+
+    def compute() -> tuple[Horizon, NDArray[Any]]:
+        with reporting("none" if quiet else progress, sys.stderr, lambda event: event) as report:
+            found = horizon_of(
+                terrain,
+                at,
+                None if surface == "horizontal" else "surface",
+                height=height,
+                azimuths=azimuths,
+                on_progress=report,
+            )
+            if quantity == "sky-view-factor":
+                return found, found.sky_view_factor()
+            if quantity == "sun-hours":
+                return found, found.sun_hours(*sun_table)
+            return found, found.direct_irradiation(*sun_table)
+
+    found, values = result_of(compute)
     saves: dict[Path, Save] = {
         path: partial(_save_picture, found=found, values=values, quantity=quantity)
         if path.suffix.lower() == ".png"

@@ -95,8 +95,7 @@ class Commands(TyperGroup):
                     raise typer.Exit(INTERRUPTED)
                 return done
             except GlpathError as error:
-                say(f"glpath: error: {as_typed(shortened(str(error)))}", err=True)
-                raise typer.Exit(WRONG_USAGE if isinstance(error, UsageError) else FAILED) from error
+                raise _reported(error) from error
             except FileNotFoundError as error:
                 if _current_folder_exists():
                     raise
@@ -111,11 +110,19 @@ class Commands(TyperGroup):
                 raise typer.Exit(exit_code()) from stop
 
 
+def _reported(error: GlpathError) -> typer.Exit:
+    """Print an error, and return the exit of the command."""
+    say(f"glpath: error: {as_typed(shortened(str(error)))}", err=True)
+    return typer.Exit(WRONG_USAGE if isinstance(error, UsageError) else FAILED)
+
+
 @contextmanager
 def _wrong_usage_as_lines() -> Iterator[None]:
-    """Report usage errors of the parser in the format of other errors, instead of typer's box."""
+    """Report errors of the parser and of option callbacks in the format of other errors, not in typer's box."""
     try:
         yield
+    except GlpathError as error:  # of the callback of an option
+        raise _reported(error) from error
     except Exception as error:
         # Errors of Click are recognized by a method, because Typer may bundle its own copy of Click.
         # NoArgsIsHelpError is not a mistake of the user. Typer raises it to show the help if a program is called

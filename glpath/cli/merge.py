@@ -13,6 +13,7 @@ from glpath.cli.help import command_help
 from glpath.cli.options import with_options
 from glpath.cli.picture import NO_DENOISER, DenoiseOption, ExposureOption, Picture, TonemapOption
 from glpath.cli.run_request import RunRequest
+from glpath.cli.signals import result_of
 from glpath.errors import UsageError, warn
 from glpath.film.aovs import guides_denoiser
 from glpath.system.files import check_outputs, save_all
@@ -78,7 +79,7 @@ def merge(
         return
     picture = Picture.of_options(exposure, tonemap, denoise)
     try:
-        film, repeated = merge_shards(films)
+        film, repeated = result_of(lambda: merge_shards(films))
     except UnguidedShardError as unguided:
         unguided.remedy = _HOW_TO_GUIDE
         raise
@@ -155,7 +156,7 @@ def _merge_coefficients(shards: list[Path], out: list[Path], run: RunRequest, pi
     if wrong is not None or pictured:
         what = f"{wrong}: daylight coefficients are" if wrong is not None else "merge: daylight coefficients are"
         raise UsageError(f"{what} no picture.", "Write .npz, without --exposure and --denoise.")
-    found, repeated = merge_coefficients(shards)
+    found, repeated = result_of(lambda: merge_coefficients(shards))
     written, failure = save_all(
         {path: found.save for path in out}, {"daylight.npz": found.save}, "The coefficients are kept in {}."
     )

@@ -203,7 +203,7 @@ def radiosity(
             check_absent(checkpoint.path)
         with watched(run.silence, left_in(checkpoint.path if checkpoint is not None else None), SOLVING):
             if radiosity is not None:
-                solution: RadiositySolution | None = _loaded(radiosity, loaded)
+                solution: RadiositySolution | None = result_of(lambda: _loaded(radiosity, loaded))
             else:
                 solution = _solve(loaded, options, run.mode)
         lift_limit()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -18,7 +17,9 @@ from glpath.cli.unattended import keep_after_failure, left_in, watched
 from glpath.cli.values import check_inside
 from glpath.errors import GlpathError, UsageError
 from glpath.film.aovs import with_guides
+from glpath.film.choices import INTERRUPTED_RULE, RULES
 from glpath.system.files import check_no_input
+from glpath.system.log import log
 from glpath.system.time_limit import limited
 
 if TYPE_CHECKING:
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from glpath.rendering.run_options import RunOptions
     from glpath.scene import Scene
 
-log = logging.getLogger("glpath")
 
 # Function that renders a film with the given options of a run.
 Start = Callable[["RunOptions"], "Film"]
@@ -162,4 +162,6 @@ def _film_of(
     except KeyboardInterrupt:  # Ctrl-C came while the render was not handling signals
         if not films:
             raise
+        if films[0].metadata.stop_rule not in RULES:
+            films[0].metadata = replace(films[0].metadata, stop_rule=INTERRUPTED_RULE)
     return films[0], None

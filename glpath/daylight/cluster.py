@@ -10,7 +10,6 @@ Poor at:  few sensors; several workers on a machine without a graphics card, bec
 from __future__ import annotations
 
 import contextlib
-import logging
 import queue
 import time
 import uuid
@@ -32,10 +31,10 @@ from glpath.jobs.worker import check_version, held, this_version, warnings_for_c
 from glpath.rendering.interrupts import interrupt_as_flag
 from glpath.scene import Scene
 from glpath.system.heartbeat import heartbeat
+from glpath.system.log import log
 
 Float64 = NDArray[np.float64]
 
-log = logging.getLogger("glpath")
 
 # Number of shards per worker: few, because each shard computes the solution again, but more than one, because
 # machines differ in speed.

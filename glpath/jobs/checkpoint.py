@@ -13,7 +13,6 @@ Poor at:  two processes with one checkpoint outside of the block, because each r
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,8 +21,7 @@ from glpath.errors import UsageError
 from glpath.film.film import Film
 from glpath.system.checkpoint import CheckpointFile
 from glpath.system.files import is_stream, short_name
-
-log = logging.getLogger("glpath")
+from glpath.system.log import log
 
 
 @dataclass

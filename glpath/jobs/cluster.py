@@ -18,7 +18,6 @@ Poor at:  short renders, because a worker takes seconds to start; several worker
 from __future__ import annotations
 
 import contextlib
-import logging
 import math
 import queue
 import time
@@ -49,9 +48,8 @@ from glpath.rendering.stopping import looked_at
 from glpath.scene import Scene
 from glpath.system.arguments import short_repr
 from glpath.system.heartbeat import heartbeat
+from glpath.system.log import log
 from glpath.system.time_limit import check_time, seconds_left
-
-log = logging.getLogger("glpath")
 
 #: Target time of a chunk, seconds: long compared with the transfer of its film, but short, because the chunk of a
 #: lost worker is rendered again.
@@ -194,19 +192,20 @@ class _Render:
             film.path_sets,
             first=BLOCK if seconds_left() == math.inf else 1,  # a block may take longer than the time limit
         )
+        rule = INTERRUPTED_RULE
         with interrupt_as_flag() as interrupted:
-            try:
-                self.cluster.share(self.shared)
-                rule = self._fill(chunks, interrupted)
-            except KeyboardInterrupt:
-                rule = INTERRUPTED_RULE
-            finally:
-                self._cancel()
+            # A second Ctrl-C may interrupt `_cancel`.
+            with contextlib.suppress(KeyboardInterrupt):
+                try:
+                    self.cluster.share(self.shared)
+                    rule = self._fill(chunks, interrupted)
+                finally:
+                    self._cancel()
             self._finish(rule)
-        if rule == INTERRUPTED_RULE:
-            raise RenderInterrupted(film, interrupted.signal)
         if not rule:
             raise self._failed(chunks)
+        if interrupted or rule == INTERRUPTED_RULE:
+            raise RenderInterrupted(film, interrupted.signal)
 
     def _fill(self, chunks: Chunks, interrupted: Any) -> str:
         """Hand out chunks and merge films; return the rule that ended the render, or "" if path sets failed."""

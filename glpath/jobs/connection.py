@@ -25,11 +25,10 @@ from glpath.errors import ContextError, GlpathError, UsageError
 from glpath.gl.signals import SignalsWait
 from glpath.jobs.worker import Sharable, hold, let_go
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
+from glpath.system.log import log
 from glpath.system.machine import core_count
 from glpath.system.numerals import unsigned
 from glpath.system.signals import ENDING
-
-log = logging.getLogger("glpath")
 
 # Prefix of addresses of local processes.
 _LOCAL = "local:"
@@ -69,6 +68,7 @@ class Connection:
         self._lost_at: float | None = None
         self._quiet = contextlib.ExitStack()
         distributed = _distributed()
+        hide_teardown()
         self._quiet.enter_context(quiet(logging.WARNING))
         if address.startswith(_LOCAL):
             signals = SignalsWait(Connection._start_local.__code__)
@@ -155,6 +155,7 @@ class Connection:
 def _sharing(distributed: Any, shared: Sharable) -> Any:
     class Sharing(distributed.WorkerPlugin):  # type: ignore[misc]
         def setup(self, worker: object) -> None:
+            hide_teardown()
             hold(shared)
 
         def teardown(self, worker: object) -> None:
@@ -349,8 +350,7 @@ def _check_encryption(distributed: Any, address: str, scheduler: str) -> None:
 def quiet(level: int = logging.CRITICAL) -> Any:
     """Context that hides log messages of distributed below `level`; broken connections are expected here."""
     # Some loggers of distributed have levels of their own.
-    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
-    before = {name: logging.getLogger(name).level for name in {"distributed", *names}}
+    before = {name: logging.getLogger(name).level for name in _dask_loggers()}
     for name in before:
         logging.getLogger(name).setLevel(max(level, before[name]))
     try:
@@ -358,3 +358,25 @@ def quiet(level: int = logging.CRITICAL) -> Any:
     finally:
         for name, level in before.items():
             logging.getLogger(name).setLevel(level)
+
+
+def hide_teardown() -> None:
+    """Hide tracebacks that Dask's threads in this process log while a cluster ends.
+
+    They are the cancellation of a task, a connection that the other side has closed, and the removal of shared data
+    that a restarted worker does not have.
+    """
+    for name in _dask_loggers():
+        logging.getLogger(name).addFilter(_is_no_teardown)  # a filter that is added twice counts once
+
+
+def _dask_loggers() -> set[str]:
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]
+    return {"distributed", *names}
+
+
+def _is_no_teardown(record: logging.LogRecord) -> bool:
+    error = record.exc_info[1] if record.exc_info else None
+    if isinstance(error, KeyError):
+        return "failed to teardown" not in record.getMessage()
+    return type(error).__name__ not in ("CancelledError", "CommClosedError")

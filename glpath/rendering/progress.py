@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from typing import IO, Any
 
@@ -80,10 +80,11 @@ def _image() -> Iterator[Report]:
     latest: Progress | None = None
 
     def show(name: str, bundle: dict[str, object]) -> None:
-        if name in handles:
-            handles[name].update(bundle, raw=True)
-        else:
-            handles[name] = display(bundle, raw=True, display_id=True)  # type: ignore[no-untyped-call]
+        with suppress(Exception):  # a front end that cannot show progress must not end the render
+            if name in handles:
+                handles[name].update(bundle, raw=True)
+            else:
+                handles[name] = display(bundle, raw=True, display_id=True)  # type: ignore[no-untyped-call]
 
     def remove_picture() -> None:
         """Remove the image from the output, because the cell shows the film itself."""

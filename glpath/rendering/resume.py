@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Collection
 
 from glpath.errors import UsageError
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata, differences, shown
+from glpath.system.log import log
 
 
 class AnotherRenderError(UsageError):
@@ -19,9 +19,6 @@ class AnotherRenderError(UsageError):
             "Use the options of the film, or render without it.",
         )
         self.reason = reason
-
-
-log = logging.getLogger("glpath")
 
 
 def check_same_render(

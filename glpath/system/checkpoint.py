@@ -7,7 +7,6 @@ locked against other processes (`locks`).
 
 from __future__ import annotations
 
-import logging
 import os
 import time
 from collections.abc import Callable
@@ -19,8 +18,7 @@ from typing import ClassVar, Self
 from glpath.errors import ImageError
 from glpath.system.files import reason_of, remove_parts, replacing_links, rescued, special_kind
 from glpath.system.locks import Lock, Locked
-
-log = logging.getLogger("glpath")
+from glpath.system.log import log
 
 
 @dataclass

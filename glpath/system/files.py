@@ -494,6 +494,11 @@ def check_writable(path: str | Path) -> None:
     folder = target.parent
     while not os.path.exists(folder):  # unlike Path.exists, does not raise if the folder above may not be entered
         folder = folder.parent
+    if not os.path.isdir(folder):
+        raise ImageError(
+            f"{path}: {folder} is a file, but a folder of this name is needed.",
+            "Rename it, or name another output.",
+        )
     # Create a file, because permissions say little about root, network shares and read-only file systems. Before
     # that, `lstat` raises OSError if the target's name is too long; `new_file` would shorten the name.
     try:
@@ -643,7 +648,7 @@ def _unwritable_kind(path: str | Path) -> str | None:
 
 
 def save_all(
-    saves: Mapping[Path, Save], rescue: Mapping[str, Save], where: str
+    saves: Mapping[Path, Save], rescue: Mapping[str, Save] | None = None, where: str = ""
 ) -> tuple[list[Path], ImageError | None]:
     """Write several outputs of one result. If one fails, the others are still written.
 
@@ -651,7 +656,8 @@ def save_all(
 
     saves  : function that writes each output, by path
     rescue : functions that write the whole result, by file name. They are called with paths in a temporary folder
-             if no output could be written, or if an output with the suffix of one of these file names failed
+             if no output could be written, or if an output with the suffix of one of these file names failed.
+             None if the result can be made again
     where  : message that reports the rescued files, with {} for their paths
 
     Returns the written paths, and an error that names all failures and the rescued files, or None.
@@ -667,15 +673,18 @@ def save_all(
     if not failures:
         return written, None
     notes = []
-    suffixes = {Path(name).suffix for name in rescue}
-    if not written or any(path.suffix.lower() in suffixes for path in failures):
+    suffixes = {Path(name).suffix for name in rescue or ()}
+    if rescue and (not written or any(path.suffix.lower() in suffixes for path in failures)):
         notes.append(rescued(rescue, where))
-    reasons = [
-        error.message if isinstance(error, GlpathError) else f"{path}: cannot be written: {error!r}."
+    errors = [
+        error if isinstance(error, GlpathError) else ImageError(f"{path}: cannot be written: {error!r}.")
         for path, error in failures.items()
     ]
-    message = reasons.pop() if len(saves) == 1 else f"{len(failures)} of {len(saves)} outputs cannot be written."
-    failure = ImageError(message, "\n".join([*reasons, *notes]))
+    if len(saves) == 1:
+        message, lines = errors[0].message, [errors[0].remedy]
+    else:
+        message, lines = f"{len(failures)} of {len(saves)} outputs cannot be written.", [str(e) for e in errors]
+    failure = ImageError(message, "\n".join(filter(None, [*lines, *notes])))
     failure.__cause__ = next(iter(failures.values()))
     return written, failure
 

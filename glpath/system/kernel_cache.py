@@ -18,7 +18,6 @@ from __future__ import annotations
 import errno
 import functools
 import hashlib
-import logging
 import os
 import pickle
 import stat
@@ -29,11 +28,10 @@ from pathlib import Path
 from typing import Any
 
 from glpath.system.files import new_file, open_without_links
+from glpath.system.log import log
 from glpath.system.machine import posix_module
 from glpath.system.private_interfaces import import_numba, numba_folders_of_environment, numba_internals
 from glpath.system.time_limit import check_time
-
-log = logging.getLogger("glpath")
 
 numba = import_numba()
 NUMBA = numba_internals()

@@ -6,7 +6,6 @@ Compilation takes seconds, so the name of the kernel is reported; see `announced
 from __future__ import annotations
 
 import gc
-import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -14,6 +13,7 @@ from types import FunctionType
 from typing import Any
 
 from glpath.system.kernel_cache import NUMBA, KernelCache
+from glpath.system.log import log
 from glpath.system.private_interfaces import (
     NUMBA_OPTIONS,
     NUMBA_WITHOUT_PYTHON,
@@ -25,7 +25,6 @@ from glpath.system.time_limit import check_time
 
 numba = import_numba()
 _njit: Any = numba.njit  # numba's type annotations lack some of the options used here
-log = logging.getLogger("glpath")
 
 # With NUMBA_DISABLE_JIT functions are not compiled, so that debuggers can enter them.
 _PLAIN = bool(getattr(numba.config, "DISABLE_JIT", False))

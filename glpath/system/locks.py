@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import errno
 import json
-import logging
 import os
 import socket
 import struct
@@ -36,9 +35,8 @@ from typing import Any, Self
 
 from glpath.errors import GlpathError, ImageError
 from glpath.system.files import open_without_links, real_path, reason_of, short_name
+from glpath.system.log import log
 from glpath.system.machine import posix_module
-
-log = logging.getLogger("glpath")
 
 _fcntl = posix_module("fcntl")
 _LOCKS_PARTS = hasattr(_fcntl, "F_OFD_SETLK")

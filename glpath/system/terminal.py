@@ -9,18 +9,21 @@ as escapes.
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import json
 import logging
+import os
 import sys
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import IO, Any, cast
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.text import Text
 
+from glpath.errors import ImageError
 from glpath.system.report_pipe import pipe_or_terminal, write_report
 
 # Unicode's general categories of the characters that are escaped: controls, formats (bidirectional, zero width),
@@ -71,13 +74,13 @@ class ReportStream:
             if "\n" in text:
                 self.flush()
         elif self._stream is not None:
-            with contextlib.suppress(OSError, ValueError):
+            with contextlib.suppress(Exception):  # streams of notebooks and other programs raise any error
                 self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
         """Flush the stream if that is possible."""
-        with contextlib.suppress(OSError, ValueError):
+        with contextlib.suppress(Exception):
             if self._descriptor is not None:
                 line, self._line = self._line, ""
                 write_report(self._descriptor, line.encode(self.encoding, self.errors))
@@ -86,15 +89,18 @@ class ReportStream:
 
     def fileno(self) -> int:
         """Return the descriptor of the stream. Raises OSError if it has none."""
-        if self._stream is None:
-            raise io.UnsupportedOperation("fileno")
-        return self._stream.fileno()
+        try:
+            if self._stream is not None:
+                return self._stream.fileno()
+        except Exception as error:
+            raise io.UnsupportedOperation("fileno") from error
+        raise io.UnsupportedOperation("fileno")
 
     def isatty(self) -> bool:
         """Return True if the stream is a terminal."""
         try:
             return self._stream is not None and self._stream.isatty()
-        except ValueError:  # the stream is closed
+        except Exception:  # for example ValueError, because the stream is closed
             return False
 
 
@@ -104,20 +110,60 @@ def report_stream(stream: IO[str] | None) -> IO[str]:
 
 
 def say(text: str = "", err: bool = False) -> None:
-    """Print one or more lines on standard output; with `err`, as a report on standard error."""
-    print(clean(text), file=report_stream(sys.stderr) if err else sys.stdout, flush=True)
+    """Print one or more lines on standard output; with `err`, as a report on standard error.
+
+    Raises ImageError if standard output cannot be written.
+    """
+    _print(clean(text), err)
 
 
 def say_json(value: object, indent: int | None = None, err: bool = False) -> None:
-    """Print a value as JSON, with JSON's own escapes instead of characters that control a terminal."""
+    """Print a value as JSON, with JSON's own escapes instead of characters that control a terminal.
+
+    Raises ImageError if standard output cannot be written.
+    """
     text = json.dumps(value, indent=indent, ensure_ascii=False)
     if clean(text) != text:
         text = "".join(c if clean(c) == c else json.dumps(c)[1:-1] for c in text)
-    print(text, file=report_stream(sys.stderr) if err else sys.stdout, flush=True)
+    _print(text, err)
+
+
+def _print(text: str, err: bool) -> None:
+    if err:
+        print(text, file=report_stream(sys.stderr), flush=True)
+        return
+    with _standard_output() as stream:
+        print(text, file=stream, flush=True)
+
+
+@contextlib.contextmanager
+def _standard_output() -> Iterator[IO[str]]:
+    """Context in which text is written to standard output.
+
+    Raises ImageError if that is closed, or if nobody reads it, because a result would be lost without a message.
+    """
+    try:
+        if sys.stdout is None:
+            raise OSError(errno.EBADF, "it is closed")
+        yield sys.stdout
+    except (OSError, ValueError) as error:  # ValueError: the stream was closed by this program
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ImageError(f"standard output: cannot be written: {reason.rstrip('.')}.") from error
 
 
 class _CleanConsole(Console):
-    """Console that passes its own control sequences to the terminal, but escapes those in the text."""
+    """Console that passes its own control sequences to the terminal, but escapes those in the text.
+
+    Raises ImageError if it prints on standard output, and that cannot be written.
+    """
+
+    def print(self, *objects: Any, **how: Any) -> None:
+        with contextlib.nullcontext() if self._file is not None else _standard_output():
+            super().print(*objects, **how)
+
+    def on_broken_pipe(self) -> None:
+        # Without this method, rich would end the process without a message.
+        raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))
 
     def render_str(self, text: str, **how: Any) -> Text:
         # Escape before lines are wrapped and columns measured, because an escape is longer than its character.

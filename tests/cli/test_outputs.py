@@ -128,6 +128,33 @@ def test_where_even_the_temporary_folder_is_full_that_is_said(
     assert (written, failure and failure.remedy) == ([], "Nor could it be kept in a temporary folder.")
 
 
+def test_export_names_a_file_in_the_place_of_its_folder_before_it_writes(tmp_path: Path) -> None:
+    (tmp_path / "e_files").write_text("mine")
+    result = run("export", "cornell-box-36", "-o", tmp_path / "e.xml", "-o", tmp_path / "e.glb")
+    assert result.exit_code == 1
+    assert "e_files is a file, but a folder of this name is needed.\n  Rename it" in result.stderr
+    assert os.listdir(tmp_path) == ["e_files"]
+
+
+def test_export_that_fails_in_one_format_writes_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise ImageError("e.xml: no room.")
+
+    monkeypatch.setattr("glpath.io.export.write_xml", fail)
+    result = run("export", "cornell-box-36", "-o", tmp_path / "e.xml", "-o", tmp_path / "e.glb")
+    assert (result.exit_code, (tmp_path / "e.glb").exists()) == (1, True)
+    assert "1 of 2 outputs cannot be written" in result.stderr
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_remedy_of_an_output_that_fails_is_reported(count: int, tmp_path: Path) -> None:
+    def fail(path: Path) -> None:
+        raise ImageError("it is too large.", "Make it smaller.")
+
+    _, failure = files.save_all(dict.fromkeys([tmp_path / f"{i}.txt" for i in range(count)], fail))
+    assert "Make it smaller." in str(failure)
+
+
 def save_text(path: Path) -> None:
     files.write_bytes(b"text", path)
 
@@ -638,13 +665,32 @@ def test_a_full_disk_behind_standard_output_is_a_line(command: str) -> None:
     assert done.returncode == 1
 
 
+@pytest.mark.skipif(os.name == "nt", reason="pipes of POSIX")
+@pytest.mark.parametrize("command", ["info furnace --json", "info furnace", "schema", "diff a.npz a.npz"])
+@pytest.mark.parametrize("end", ["Broken pipe", "it is closed"])
+def test_text_that_standard_output_does_not_take_is_an_error(
+    command: str, end: str, make_film: MakeFilm, tmp_path: Path
+) -> None:
+    make_film([(0, 32)]).save(tmp_path / "a.npz")
+    line = f"{sys.executable} -m glpath {command}"
+    reader, writer = os.pipe()
+    os.close(reader)
+    line = f"{line} >&-" if end == "it is closed" else f"exec {line}"
+    done = subprocess.run(
+        line, shell=True, cwd=tmp_path, stdout=writer, stderr=subprocess.PIPE, text=True, timeout=120
+    )
+    os.close(writer)
+    assert done.stderr == f"glpath: error: standard output: cannot be written: {end}.\n"
+    assert done.returncode == (74 if command.startswith("diff") else 1)
+
+
 @pytest.mark.skipif(not FULL.exists(), reason="a device of Linux")
 def test_diff_writes_its_picture_before_standard_output_fails(make_film: MakeFilm, tmp_path: Path) -> None:
     make_film([(0, 32)]).save(tmp_path / "a.npz")
     line = [sys.executable, "-m", "glpath", "diff", "a.npz", "a.npz", "-o", "difference.png"]
     with FULL.open("w") as full:
         done = subprocess.run(line, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, timeout=120)
-    assert (done.returncode, "standard output: cannot be written" in done.stderr) == (1, True)
+    assert (done.returncode, "standard output: cannot be written" in done.stderr) == (74, True)
     assert iio.imread(tmp_path / "difference.png").shape == (4, 6, 3)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import io
+import logging
 import os
 import select
 import signal
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from pathlib import Path
 
 import imageio.v3 as iio
@@ -20,7 +22,10 @@ import pytest
 import glpath
 from glpath.cli import main
 from glpath.cli.signals import RESUME_LATER
+from glpath.errors import warn
 from glpath.film.film import Film
+from glpath.system import files
+from glpath.system.log import log
 from glpath.system.reporting import ProgressEvent, reporting
 from glpath.system.terminal import report_stream
 from tests.support.killing import default_signals
@@ -66,10 +71,36 @@ class Full(io.StringIO):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
+class Foreign(io.StringIO):
+    """A stream of another program, such as a notebook, whose methods raise an error of its own."""
+
+    def write(self, text: str) -> int:
+        raise RuntimeError("no write")
+
+    def flush(self) -> None:
+        raise RuntimeError("no flush")
+
+    def isatty(self) -> bool:
+        raise RuntimeError("no isatty")
+
+    def fileno(self) -> int:
+        raise RuntimeError("no fileno")
+
+
 def closed() -> io.StringIO:
     stream = io.StringIO()
     stream.close()
     return stream
+
+
+def _write_inputs(line: str) -> None:
+    Path("sensors.csv").write_text("x,y,z,nx,ny,nz\n0,0.1,0,0,1,0\n")
+    np.save("flat.npy", np.zeros((5, 5)))
+    if "film.npz" in line:
+        glpath.render("cornell-box-36", spp=2, resolution=(8, 8), max_depth=2).save("film.npz")
+    if "s.npz" in line:
+        scene = glpath.load_scene("cornell-box-36")
+        glpath.solve_radiosity(scene, patches=20, receiver_points=1).save("s.npz")
 
 
 @pytest.mark.parametrize("out", WRITERS)
@@ -77,10 +108,7 @@ def test_a_full_log_ends_no_command(out: str, tmp_path: Path, monkeypatch: pytes
     if out == "l.glb":
         pytest.importorskip("xatlas")
     monkeypatch.chdir(tmp_path)
-    Path("sensors.csv").write_text("x,y,z,nx,ny,nz\n0,0.1,0,0,1,0\n")
-    np.save("flat.npy", np.zeros((5, 5)))
-    if "film.npz" in WRITERS[out]:
-        glpath.render("cornell-box-36", spp=2, resolution=(8, 8), max_depth=2).save("film.npz")
+    _write_inputs(WRITERS[out])
     monkeypatch.setattr(sys, "excepthook", sys.excepthook)
     monkeypatch.setattr(sys, "argv", ["glpath", *WRITERS[out].split(), "-o", out])
     monkeypatch.setattr(sys, "stderr", Full())
@@ -88,6 +116,33 @@ def test_a_full_log_ends_no_command(out: str, tmp_path: Path, monkeypatch: pytes
         main.run()
     assert end.value.code == 0
     assert Path(out.format(0)).stat().st_size > 0
+
+
+@pytest.mark.parametrize("out", [*WRITERS, "e.xml", "b.glb"])
+def test_signal_while_writing_loses_no_result(out: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first of two outputs gets a signal before its first byte; both are written whole."""
+    if out == "l.glb":
+        pytest.importorskip("xatlas")
+    monkeypatch.chdir(tmp_path)
+    lines = WRITERS | {"e.xml": "export cornell-box-36", "b.glb": "radiosity cornell-box-36 --radiosity s.npz"}
+    _write_inputs(lines[out])
+    monkeypatch.setattr(sys, "excepthook", sys.excepthook)
+    second = [] if out in ("p.json", "l.glb", "difference.png") else ["-o", f"second-{out}"]
+    monkeypatch.setattr(sys, "argv", ["glpath", *lines[out].split(), "-o", out, *second])
+    real = files._locked
+
+    def strike(path: Path) -> int | None:
+        monkeypatch.setattr(files, "_locked", real)
+        signal.raise_signal(signal.SIGINT)
+        return real(path)
+
+    monkeypatch.setattr(files, "_locked", strike)
+    monkeypatch.setattr(main, "_end_with", sys.exit)  # which ends this process, too
+    with pytest.raises(SystemExit) as end:
+        main.run()
+    assert end.value.code == 130
+    for name in (out, *second[1:]):
+        assert Path(name.format(0)).stat().st_size > 0
 
 
 @pytest.mark.skipif(os.name == "nt", reason="redirections of a POSIX shell")
@@ -191,7 +246,7 @@ def test_report_stream_drops_text_while_its_terminal_is_suspended() -> None:
 
 
 @pytest.mark.parametrize("mode", ["bar", "lines", "json"])
-@pytest.mark.parametrize("stream", [Full(), closed(), None], ids=["full", "closed", "none"])
+@pytest.mark.parametrize("stream", [Full(), closed(), None, Foreign()], ids=["full", "closed", "none", "foreign"])
 def test_a_reporter_drops_reports_that_its_stream_refuses(
     mode: str, stream: io.StringIO | None, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -202,7 +257,30 @@ def test_a_reporter_drops_reports_that_its_stream_refuses(
     assert capsys.readouterr().out == "", "standard output belongs to results"
 
 
-def test_a_python_render_outlives_its_closed_standard_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stderr", closed())
+def test_handler_of_the_log_that_raises_does_not_end_the_work(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Broken(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            raise RuntimeError("broken")
+
+    monkeypatch.setattr(logging.getLogger("glpath"), "handlers", [Broken()])
+    log.warning("%d path sets\nkept", 3)
+    assert "3 path sets\nkept" in capsys.readouterr().err
+
+
+def test_warning_that_cannot_be_shown_does_not_end_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        monkeypatch.setattr(warnings, "showwarning", lambda *_, **__: Foreign().write(""))
+        warn("the scene is dark")
+        warnings.simplefilter("error")
+        with pytest.raises(glpath.SceneWarning):
+            warn("the scene is dark")
+
+
+@pytest.mark.parametrize("stream", [closed(), Foreign()], ids=["closed", "foreign"])
+def test_a_python_render_outlives_its_standard_error(stream: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", stream)
     film = glpath.render("cornell-box-36", spp=1, resolution=(8, 8), max_depth=1, progress="lines")
     assert film.path_sets == 1

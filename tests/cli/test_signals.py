@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType, SimpleNamespace
 from typing import Any
@@ -14,11 +15,13 @@ from typing import Any
 import pytest
 
 import glpath
+from glpath.cli import frames
 from glpath.cli.signals import hold, interrupted, signals_wait_for_results
 from glpath.film.film import Film
-from glpath.rendering import interrupts
+from glpath.rendering import calls, interrupts
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
 from glpath.system.signals import REPEATED
+from tests.conftest import MakeFilm
 from tests.support.command_line import run
 from tests.support.killing import SMALL, default_signals
 
@@ -312,3 +315,33 @@ def test_check_of_a_saved_solution_ends_at_a_signal(
     done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "-q", "--check", *resume)
     assert (done.exit_code, "saving" in done.stderr) == (code, False), done.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["s.checkpoint.npz"] * bool(resume) + ["s.npz"]
+
+
+@pytest.mark.usefixtures("default_sigterm")
+def test_signal_while_a_movie_is_encoded_says_how_to_make_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frames, "require_encoder", lambda path: None)
+    monkeypatch.setattr(frames, "write_movie", lambda path, **_: signal.raise_signal(signal.SIGTERM))
+    outputs = ["-o", tmp_path / "a.png", "-o", tmp_path / "a.mp4"]
+    result = run(
+        "render", "furnace", "--resolution", "8x8", "--spp", 1, "--turntable", 2, "--progress", "lines", *outputs
+    )
+    assert result.exit_code == 130
+    assert "interrupted: 2 of 2 frames are written; the movie is not; --resume makes it" in result.stderr
+
+
+def test_film_of_a_render_that_a_second_signal_ends_can_be_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make_film: MakeFilm
+) -> None:
+    film = make_film([(0, 2)])
+    film.metadata = replace(film.metadata, stop_rule="")
+
+    def run_job(job: object, scene: object, options: Any) -> Film:
+        options.on_progress(glpath.Progress(2, 5, 1.0, None, film, "rendering", ""))
+        signal.raise_signal(signal.SIGINT)
+        raise AssertionError("the signal interrupts")
+
+    monkeypatch.setattr(calls, "run_job", run_job)
+    result = run("render", "furnace", "--spp", 5, "-o", tmp_path / "a.npz")
+    assert f"--resume continues from {tmp_path / 'a.npz'}" in result.stderr

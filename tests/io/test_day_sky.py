@@ -133,7 +133,7 @@ def test_of_an_hour_of_a_weather_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("sky", "message"),
     [
-        ({}, "has no sun, but where the sun stands is given by one of"),
+        ({}, "has no sun, but the position of the sun is given by one of"),
         ({"direct": 600, **SUN}, "lacks the field `diffuse`, which a sky of type perez needs"),
         ({"type": "sun", "direct": 600, **SUN}, "`diffuse`, which a sky of type sun needs to know the lumens"),
         ({"direct": 600, "diffuse": 100, "altitude": 30}, "lacks the field `azimuth`"),

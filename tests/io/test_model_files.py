@@ -142,7 +142,7 @@ def test_what_a_model_lacks_is_added_and_said_once(tmp_path: Path, suffix: str) 
     path = (gltf if suffix == ".gltf" else obj)(tmp_path / f"box{suffix}")
     (text,) = said(path)
     assert text == (
-        f"{path}: has no camera, so one was set that sees everything: position [0.894, 0.797, 2.65], target "
+        f"{path}: has no camera, so one was set that shows everything: position [0.894, 0.797, 2.65], target "
         "[-0.051, -0.101, 0.053], fov 30, for 512 x 512 pixels, and no light, so a studio lights it."
     )
     scene = quiet(path)

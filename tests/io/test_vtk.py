@@ -97,7 +97,7 @@ def test_irradiance_is_on_its_points(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read["Verts/connectivity"], np.arange(6))
     found.to_vtk(DESK, [[0, 1, 4, 3], [1, 2, 5, 4]]).save(tmp_path / "b.vtp")
     assert len(arrays(tmp_path / "b.vtp")["Polys/offsets"]) == 2
-    with pytest.raises(UsageError, match=r"but \(6, 3\) were measured"):
+    with pytest.raises(UsageError, match=r"where \(6, 3\), the number of measured points"):
         found.to_vtk(DESK[:4])
 
 

@@ -42,8 +42,13 @@ _TAG_OF = {plugin: tag for tag, plugins in _TAGS.items() for plugin in plugins.s
 _DIGITS = 8
 
 
+def files_folder(path: Path) -> Path:
+    """Return the folder of the meshes and images that an XML file names: room_files for room.xml."""
+    return path.with_name(f"{path.stem}_files")
+
+
 def write_xml(translated: MitsubaScene, path: Path) -> None:
-    """Write the XML to `path`, and its meshes and images to a folder beside it: room_files for room.xml.
+    """Write the XML to `path`, and its meshes and images to the folder `files_folder(path)`.
 
     Raises ImageError, also for a name that is not UTF-8, because the XML names the folder.
     """
@@ -51,7 +56,7 @@ def write_xml(translated: MitsubaScene, path: Path) -> None:
         path.name.encode()
     except UnicodeEncodeError as error:
         raise ImageError(f"{path}: its name is not UTF-8 text, as names in XML are.", "Choose another.") from error
-    folder = path.with_name(f"{path.stem}_files")
+    folder = files_folder(path)
     if folder.is_symlink():
         raise ImageError(
             f"{folder}: is a symbolic link; the files of {path.name} need a folder of their own.",

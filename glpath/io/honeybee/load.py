@@ -64,7 +64,7 @@ def read_honeybee(
         Meta(
             ge=0,
             le=LARGEST,
-            description="0 to 1e15: illuminance of open ground by a CIE overcast sky, lx; 0: no sky",
+            description="0 to 1e15 lx, illuminance of open ground by a CIE overcast sky; 0: none",
         ),
     ] = 0.0,
     ground: Annotated[
