@@ -136,6 +136,10 @@ def vector(name: str, given: ArrayLike, low: float = -LARGEST, high: float = LAR
 
     low, high : smallest and largest allowed number
     """
+    if type(given) is np.ndarray and given.dtype == np.float64 and given.shape == (3,):
+        x, y, z = given.tolist()
+        if low <= x <= high and low <= y <= high and low <= z <= high:
+            return given
     try:
         found = np.asarray(given)
         plain = found.astype(np.float64) if found.dtype.kind in "fiub" else np.zeros(0)

@@ -46,6 +46,8 @@ _LINEAR = (np.arange(256) / 255.0).astype(np.float32)
 _FROM_SRGB = decode_srgb(np.arange(256) / 255.0).astype(np.float32)
 # Maximum of a fraction; rounding errors of readers may exceed 1.
 _ONE = 1.0 + 1e-6
+# Maximum number of letters of a name in messages.
+_NAME_LENGTH = 60
 # Maximum index of a texture.
 _MAX_TEXTURES = (1 << 31) - 1
 # Smallest and largest number of each field of a `Material` that is a colour. Attenuation may be very large, because
@@ -323,7 +325,7 @@ class Material:
     sheen_roughness_texture: TextureSlot | None = None
 
     def __post_init__(self) -> None:
-        where = f"material {short_repr(self.name)}: "
+        where = f"material {self.name[:_NAME_LENGTH]!r}: "
         for name, words in _WORDS.items():
             check_word(where + name, getattr(self, name), words)
         for name, low, high in _COLOURS:

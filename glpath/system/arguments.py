@@ -324,7 +324,7 @@ def _large_integer(values: Iterable[Any]) -> int | None:
                 of_kind = [each for each in level if type(each) is kind]
                 nested += [part for each in of_kind for part in (dict.keys(each), dict.values(each))]
             elif _class_name(kind) == "ndarray":
-                nested += [each.ravel() for each in level if _is_array(each) and each.dtype.kind == "O"]
+                nested += [each.ravel() for each in level if type(each) is kind and each.dtype.kind == "O"]
         if not nested:
             return None
         level = list(chain.from_iterable(nested))
@@ -392,10 +392,10 @@ def is_numbers(value: Any) -> bool:
 
     Masked values are not numbers.
     """
-    if _is_masked(value):
-        return False
     if _is_array(value) and value.dtype.kind in "fiub":  # most arrays
         return True
+    if _is_masked(value):
+        return False
     if isinstance(value, list | tuple) or _is_array(value):
         import numpy as np
 

@@ -26,7 +26,7 @@ from tests.support.damaged import write_jpeg_of_scans
 from tests.support.gltf_files import Gltf, glb
 
 #: Maximum number of Python calls per material of a file of many materials.
-MAX_CALLS = 450
+MAX_CALLS = 650
 
 Change = Callable[[dict[str, Any]], None]
 
