@@ -26,6 +26,8 @@ from glpath.system.files import open_file, reading
 
 # Upper bound of the header size of an array of numbers, bytes.
 _HEADER = 4096
+# Compression methods of numpy's archives. bzip2 and LZMA unfold a few bytes to gigabytes before the first is read.
+_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 # Data whose uncompressed size in bytes is at most this are always accepted.
 _UNFOLDED = 256 << 20
 # Maximum ratio of uncompressed to stored bytes for larger data. Above it the data are rejected.
@@ -64,6 +66,10 @@ class Arrays:
         if name not in self:
             raise ImageError(f"{self._path}: is not {self._what}: it holds no `{name}`.", self._remedy)
         member = self._archive.getinfo(f"{name}.npy")
+        if member.compress_type not in _COMPRESSIONS:
+            method = zipfile.compressor_names.get(member.compress_type, str(member.compress_type))
+            raise ValueError(f"`{name}` is compressed by {method}, expected deflate, or no compression")
+        check_unfolded(member.file_size, member.compress_size)
         with self._archive.open(member) as stream:
             found, dtype, size = _header(stream)
         if size != member.file_size:

@@ -9,6 +9,7 @@ import sys
 import time
 import tracemalloc
 import warnings
+import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable
@@ -22,6 +23,7 @@ import pytest
 import glpath
 from glpath.cli.point_files import read_points
 from glpath.errors import GlpathError, ImageError
+from glpath.film.film import Film
 from glpath.film.image import read_environment
 from glpath.io.mitsuba.document import read_document
 from glpath.io.named_files import NamedFiles, UnusableError
@@ -561,3 +563,34 @@ def test_a_line_of_one_long_pattern_is_read_in_linear_time(name: str, text: str,
     with suppress(GlpathError):
         glpath.load_scene(scene)
     assert time.process_time() - begun < 1.5
+
+
+def write_npz(path: Path, method: int, **arrays: object) -> Path:
+    """Write an .npz file whose arrays are compressed by a method of `zipfile`."""
+    with zipfile.ZipFile(path, "w", method) as archive:
+        for name, values in arrays.items():
+            with archive.open(f"{name}.npy", "w") as file:
+                np.save(file, np.asarray(values))
+    return path
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_arrays_in_slow_compression_are_refused_before_they_are_unpacked(
+    method: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_npz(tmp_path / "a.npz", method, radiance=np.ones((2, 2, 3)), film_format=1)
+    monkeypatch.setattr(zipfile.ZipFile, "open", None)
+    for read in (glpath.read_image, Film.load):
+        with pytest.raises(ImageError, match="is compressed by (bzip2|lzma), expected deflate, or no compression"):
+            read(path)
+
+
+def test_arrays_that_unfold_to_much_are_refused_before_they_are_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_npz(tmp_path / "a.npz", zipfile.ZIP_DEFLATED, radiance=np.ones((64, 64, 3)))
+    assert glpath.read_image(path).shape == (64, 64, 3)
+    monkeypatch.setattr("glpath.system.npz._UNFOLDED", 1 << 10)
+    monkeypatch.setattr(zipfile.ZipFile, "open", None)
+    with pytest.raises(ImageError, match="unfold to"):
+        glpath.read_image(path)
