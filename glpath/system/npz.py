@@ -9,6 +9,7 @@ Source: numpy's NEP 1 (the .npy format).
 from __future__ import annotations
 
 import io
+import json
 import math
 import zipfile
 from collections.abc import Iterator
@@ -22,12 +23,14 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from glpath.errors import ImageError
-from glpath.system.files import open_file, reading
+from glpath.system.files import MAX_TEXT_BYTES, open_file, reading
 
 # Upper bound of the header size of an array of numbers, bytes.
 _HEADER = 4096
 # Compression methods of numpy's archives. bzip2 and LZMA unfold a few bytes to gigabytes before the first is read.
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+# Bytes per character of an array of text.
+_CHARACTER = np.dtype("U1").itemsize
 # Data whose uncompressed size in bytes is at most this are always accepted.
 _UNFOLDED = 256 << 20
 # Maximum ratio of uncompressed to stored bytes for larger data. Above it the data are rejected.
@@ -85,6 +88,32 @@ class Arrays:
             raise ValueError(f"`{name}` is an array {_shown(found)} of {dtype}{wanted} of kind {'/'.join(kinds)}")
         with self._archive.open(member) as stream:
             return npy.read_array(stream, allow_pickle=False)
+
+    def read_object(self, name: str, *, only_finite: bool = False) -> dict[str, Any]:
+        """Read a JSON object, which the array `name` holds as text.
+
+        only_finite : True if NaN and infinite numbers are not allowed
+
+        Raises ValueError for compressed text of more than MAX_TEXT_BYTES characters and for other JSON values, and
+        the errors of `read`.
+        """
+        if name in self:
+            member = self._archive.getinfo(f"{name}.npy")
+            characters = member.file_size // _CHARACTER
+            # An uncompressed text takes as many bytes of the file as the limit allows, so it may be longer.
+            if characters > max(MAX_TEXT_BYTES + _HEADER, member.compress_size // _CHARACTER):
+                raise ValueError(
+                    f"`{name}` is a compressed text of {characters:,} letters, expected {MAX_TEXT_BYTES:,} at most"
+                )
+        found = json.loads(str(self.read(name, "U", ())), parse_constant=_refuse if only_finite else None)
+        if not isinstance(found, dict):
+            kinds = {list: "a list", str: "a text", bool: "a bool", type(None): "null"}
+            raise ValueError(f"its {name} is {kinds.get(type(found), 'a number')}, expected an object")
+        return found
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"it holds {constant} where a finite number is expected")
 
 
 @contextmanager
