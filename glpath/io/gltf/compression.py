@@ -37,7 +37,7 @@ def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
         rows = decoder.decode_gltf_buffer(bytes(data), count, stride, mode, chosen)
     except Exception as error:  # the library raises all kinds of exceptions
         raise _broken(table.location, error) from error
-    return memoryview(np.ascontiguousarray(rows).tobytes())
+    return memoryview(np.ascontiguousarray(rows).reshape(-1).view(np.uint8)).toreadonly()  # no copy
 
 
 def draco(data: memoryview, location: SourceLocation) -> tuple[NDArray[np.int64], dict[int, NDArray[Any]]]:

@@ -9,6 +9,7 @@ import os
 import re
 import struct
 import time
+import tracemalloc
 import warnings
 import zlib
 from collections.abc import Callable
@@ -21,8 +22,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.io.gltf import compression
 from glpath.io.gltf.compression import draco_counts
 from glpath.io.gltf.load import read_gltf
+from glpath.io.gltf.table import Table
 from glpath.scene.source_location import SourceLocation
 from tests.support.damaged import write_jpeg_of_scans
 from tests.support.gltf_files import Gltf, glb
@@ -447,6 +450,20 @@ def test_draco_headers_give_the_most_faces_and_points(in_order: bool) -> None:
     assert found == ((298, 300) if in_order else (298, 894))
     with pytest.raises(SceneError, match="cannot be decompressed"):
         draco_counts(memoryview(data)[:11], SourceLocation("a.glb"))
+
+
+def test_meshopt_data_are_decoded_without_a_copy() -> None:
+    meshopt = pytest.importorskip("meshopt", reason="needs the extra gltf")
+    count = 1 << 19
+    data = meshopt.encode_gltf_buffer(np.zeros((count, 4), np.uint8), "ATTRIBUTES", 1)
+    table = Table({"mode": "ATTRIBUTES", "count": count, "byteStride": 4}, SourceLocation("a.glb"))
+    tracemalloc.start()
+    found = compression.meshopt(table, memoryview(data), "EXT_meshopt_compression")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found.readonly
+    assert bytes(found) == bytes(4 * count)
+    assert peak < 1.5 * 4 * count
 
 
 VALUES: list[Any] = [
