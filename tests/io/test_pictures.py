@@ -329,13 +329,13 @@ def test_mitsuba_finds_pictures_as_models_do(tmp_path: Path, name: str) -> None:
 def test_pixels_are_converted_in_strips_without_copies_of_the_picture(
     mode: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    noise = np.random.default_rng(1).integers(0, 256, (300, 200, 4), np.uint8)
+    noise = np.random.default_rng(1).integers(0, 256, (600, 500, 4), np.uint8)
     image = Image.fromarray(noise).convert("RGB").convert(mode) if mode != "RGBA" else Image.fromarray(noise)
     if mode == "P":
         image.info["transparency"] = 3
     alpha = "A" in mode or mode == "P"
     expected = np.asarray(image.convert("RGBA" if alpha else "RGB"))
-    monkeypatch.setattr("glpath.io.pictures._STRIP_PIXELS", 1000)
+    monkeypatch.setattr("glpath.io.pictures._STRIP_PIXELS", 10_000)
     tracemalloc.start()
     found = pixels_of(image)
     peak = tracemalloc.get_traced_memory()[1]
