@@ -29,12 +29,16 @@ from glpath.system.files import MAX_TEXT_BYTES, open_file, reading
 _HEADER = 4096
 # Compression methods of numpy's archives. bzip2 and LZMA unfold a few bytes to gigabytes before the first is read.
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+# Bytes of memory for a text of an array that becomes a Python object.
+_TEXT_OBJECT = 64
 # Bytes per character of an array of text.
 _CHARACTER = np.dtype("U1").itemsize
 # Data whose uncompressed size in bytes is at most this are always accepted.
 _UNFOLDED = 256 << 20
 # Maximum ratio of uncompressed to stored bytes for larger data. Above it the data are rejected.
 _RATIO = 64
+# Maximum ratio of decoded to stored bytes for larger data. It is that of colours of 8 bits, decoded to float64.
+_DECODED_RATIO = 8 * _RATIO
 # The same for all pictures of a model together. Lossy pictures of smooth surfaces reach a ratio of 200.
 _PICTURES_RATIO = 256
 
@@ -80,7 +84,8 @@ class Arrays:
         fits = shape is None or (
             len(found) == len(shape) and all(w in (None, n) for n, w in zip(found, shape, strict=True))
         )
-        check_unfolded(member.file_size, member.compress_size, math.prod(found) * decoded_bytes)
+        value_bytes = max(decoded_bytes, _TEXT_OBJECT) if dtype.kind == "U" else decoded_bytes
+        check_unfolded(member.file_size, member.compress_size, math.prod(found) * value_bytes)
         if max_values is not None and math.prod(found) > max_values:
             raise ValueError(f"`{name}` is an array {_shown(found)}, expected {max_values} values at most")
         if dtype.kind not in kinds or not fits:
@@ -147,9 +152,10 @@ def check_unfolded(unfolded: int, stored: int, decoded: int = 0) -> None:
     decoded  : memory in bytes of the values made from the uncompressed data, if it is more
     """
     memory = max(unfolded, decoded)
-    if memory > _UNFOLDED and unfolded > _RATIO * stored:
+    if memory > _UNFOLDED and (unfolded > _RATIO * stored or decoded > _DECODED_RATIO * stored):
+        ratio = _RATIO if unfolded > _RATIO * stored else _DECODED_RATIO
         raise ValueError(
-            f"{stored} bytes in it unfold to {memory / 1e9:,.3g} GB; no more than {_RATIO} times is read"
+            f"{stored} bytes in it unfold to {memory / 1e9:,.3g} GB; no more than {ratio} times is read"
         )
 
 
