@@ -74,7 +74,8 @@ class Arrays:
             raise ImageError(f"{self._path}: is not {self._what}: it holds no `{name}`.", self._remedy)
         member = self._archive.getinfo(f"{name}.npy")
         if member.compress_type not in _COMPRESSIONS:
-            method = zipfile.compressor_names.get(member.compress_type, str(member.compress_type))
+            methods = {zipfile.ZIP_BZIP2: "bzip2", zipfile.ZIP_LZMA: "lzma"}
+            method = methods.get(member.compress_type, f"method {member.compress_type}")
             raise ValueError(f"`{name}` is compressed by {method}, expected deflate, or no compression")
         check_unfolded(member.file_size, member.compress_size)
         with self._archive.open(member) as stream:

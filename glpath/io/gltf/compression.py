@@ -37,7 +37,8 @@ def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
         rows = decoder.decode_gltf_buffer(bytes(data), count, stride, mode, chosen)
     except Exception as error:  # the library raises all kinds of exceptions
         raise _broken(table.location, error) from error
-    return memoryview(np.ascontiguousarray(rows).reshape(-1).view(np.uint8)).toreadonly()  # no copy
+    flat: Any = np.ascontiguousarray(rows).reshape(-1).view(np.uint8)
+    return memoryview(flat).toreadonly()  # without a copy
 
 
 def draco(data: memoryview, location: SourceLocation) -> tuple[NDArray[np.int64], dict[int, NDArray[Any]]]:
@@ -71,7 +72,7 @@ def draco_counts(data: memoryview, location: SourceLocation) -> tuple[int, int]:
 
         if is_sequential:
             return count(), count()
-        stream.read(1)  # the way of traversal
+        stream.read(1)  # the order of traversal
         if version < (2, 2):
             count()  # vertices that the encoder has split
         vertices, faces = count(), count()

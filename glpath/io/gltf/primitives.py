@@ -154,12 +154,12 @@ class Primitives:
             return None
         view = extension.required_index("bufferView", document.all("bufferViews"), "buffer views")
         data, ids, found = document.view(view), extension.table("attributes"), {}
-        most_faces, most_points = compression.draco_counts(data, extension.location)
-        most = _DRACO_FACE * most_faces + _DRACO_VECTOR * max(1, len(ids.values)) * most_points
-        document.take(most, extension.location)
+        max_faces, max_points = compression.draco_counts(data, extension.location)
+        max_bytes = _DRACO_FACE * max_faces + _DRACO_VECTOR * max(1, len(ids.values)) * max_points
+        document.take(max_bytes, extension.location)
         faces, by_id = compression.draco(data, extension.location)
         # The header gives upper bounds, so count the actual sizes instead.
-        document.take(24 * faces.size + sum(8 * a.size for a in by_id.values()) - most, extension.location)
+        document.take(24 * faces.size + sum(8 * a.size for a in by_id.values()) - max_bytes, extension.location)
         for name, widths in _WIDTHS.items():
             number = ids.integer(name)
             if number is None:
