@@ -81,6 +81,7 @@ def diff(
     films (.npz), or baselines and results of image tests (.exr).
     """
     from glpath import compare
+    from glpath.compare.reading import check_sizes
     from glpath.film.image import write_png
     from glpath.system.files import check_outputs
 
@@ -101,6 +102,7 @@ def diff(
     if limit and mode is None:
         raise UsageError("--limit: belongs to a --mode.")
     limits = compare.read_limits(mode, limit or []) if mode is not None else {}
+    check_sizes(image, reference)
     ours, theirs = compare.read_picture(image), compare.read_picture(reference)
     a, b = (side.mean for side in compare.max_difference_pair(ours, theirs))
     verdict = None if mode is None else compare.compare(ours, theirs, mode, **limits)

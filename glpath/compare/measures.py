@@ -131,11 +131,7 @@ def _check_epsilon(epsilon: float) -> None:
 def matching_pair(image: ArrayLike, reference: ArrayLike) -> tuple[Float64, Float64]:
     """Return both images as (H, W, 3) float64. Raises ImageError for shapes that differ, NaN or infinity."""
     size, wanted = np.shape(image), np.shape(reference)
-    if size != wanted:
-        raise ImageError(
-            f"compare: the picture is {_size(size)} and the reference {_size(wanted)}; they must be of one size.",
-            "Make both of one size: a render by its resolution and crop, a plot by its figsize and dpi.",
-        )
+    check_same_size(size, wanted)
     if len(size) != 3 or size[2] != 3 or 0 in size:
         raise ImageError(f"compare: found arrays of shape {size}, expected (H, W, 3).")
     a, b = real_array("image", image), real_array("reference", reference)
@@ -144,6 +140,15 @@ def matching_pair(image: ArrayLike, reference: ArrayLike) -> tuple[Float64, Floa
         if broken:
             raise ImageError(f"compare: {broken} pixels of the {name} are NaN or infinite.")
     return a, b
+
+
+def check_same_size(size: tuple[int, ...], wanted: tuple[int, ...]) -> None:
+    """Raise ImageError unless the shape of a picture is that of its reference."""
+    if size != wanted:
+        raise ImageError(
+            f"compare: the picture is {_size(size)} and the reference {_size(wanted)}; they must be of one size.",
+            "Make both of one size: a render by its resolution and crop, a plot by its figsize and dpi.",
+        )
 
 
 def _size(shape: tuple[int, ...]) -> str:

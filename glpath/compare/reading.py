@@ -9,16 +9,26 @@ from __future__ import annotations
 import io
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.compare.measures import check_same_size
 from glpath.compare.picture import Picture, encode_bright_srgb, glpath_texts
 from glpath.errors import ImageError
 from glpath.film.film import Film, holds_film, read_image
-from glpath.film.image import FLOAT_PIXEL, READABLE, check_scans, decode_srgb, read_exr_channels
+from glpath.film.image import (
+    FLOAT_PIXEL,
+    READABLE,
+    check_scans,
+    decode_srgb,
+    picture_size,
+    read_exr_channels,
+    without_size_warnings,
+)
 from glpath.system.arguments import checked
 from glpath.system.files import read_bytes, reading
 from glpath.system.npz import check_unfolded, read_npy
@@ -70,6 +80,32 @@ def read_picture(path: str | Path) -> Picture:
     return Picture.of_array(read_image(path))
 
 
+@checked
+def check_sizes(path: str | Path, reference: str | Path) -> None:
+    """Raise ImageError if two files have pictures of different sizes, by their headers alone.
+
+    Other files than .exr, .hdr and those of Pillow are accepted, and so are files that cannot be read.
+    """
+    size, wanted = (_stored_size(Path(each)) for each in (path, reference))
+    if size is not None and wanted is not None:
+        check_same_size((*size[::-1], 3), (*wanted[::-1], 3))
+
+
+def _stored_size(path: Path) -> tuple[int, int] | None:
+    """Return the width and height of a picture from its header; None if they are not known."""
+    from PIL import Image
+
+    suffix = path.suffix.lower()
+    with suppress(Exception):  # parsers raise any type for a damaged file, which `read_picture` reports
+        if path.is_file() and suffix in (".exr", ".hdr"):  # a pipe can be read only once
+            size = picture_size(path)
+            return size.width, size.height
+        if path.is_file() and suffix in _BY_PILLOW:
+            with without_size_warnings(), Image.open(path, formats=_FORMATS) as image:
+                return image.size
+    return None
+
+
 def _straight(light: Float64, alpha: Float64) -> Float64:
     """Return (H, W, 4) with colours not multiplied by alpha. In an EXR, `light` is multiplied by alpha.
 
@@ -110,7 +146,8 @@ def _by_pillow(data: bytes, name: str) -> Picture:
 
     with reading(name, "a picture"):
         try:
-            image = Image.open(io.BytesIO(data), formats=_FORMATS)
+            with without_size_warnings():
+                image = Image.open(io.BytesIO(data), formats=_FORMATS)
         except UnidentifiedImageError as error:  # Pillow's message would only name an object in memory
             why = "it is cut off, or of an unknown format"
             raise ImageError(f"{name}: cannot be read as a picture: {why}.") from error

@@ -13,6 +13,7 @@ import json
 import mmap
 import os
 import re
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import cache
@@ -504,6 +505,16 @@ def _check_pillow(path: Path, suffix: str, pixel_bytes: int) -> None:
         check_scans(path.read_bytes())
 
 
+@contextmanager
+def without_size_warnings() -> Iterator[None]:
+    """Context without Pillow's warnings of many pixels, because `check_unfolded` limits them."""
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        yield
+
+
 def check_scans(data: bytes) -> None:
     """Raise ValueError for a JPEG with implausibly many scans (passes over the image); other formats are accepted.
 
@@ -523,18 +534,19 @@ def _read_png(path: Path) -> Float64:
     import imageio.v3 as iio
 
     _check_pillow(path, ".png", FLOAT_PIXEL)
-    stored = iio.imread(path, plugin="pillow")
-    if stored.dtype == np.uint8:
-        return decode_levels(stored)
-    white = 1 if stored.dtype == np.bool_ else np.iinfo(stored.dtype).max  # images of one bit are read as bool
-    return decode_srgb(stored / white)
+    with without_size_warnings():
+        stored = iio.imread(path, plugin="pillow")
+    if stored.dtype == np.bool_:  # images of one bit
+        stored = stored * np.uint8(255)
+    return decode_levels(stored) if stored.dtype == np.uint8 else decode_srgb(stored / np.iinfo(stored.dtype).max)
 
 
 def _read_jpeg(path: Path) -> Float64:
     import imageio.v3 as iio
 
     _check_pillow(path, ".jpg", FLOAT_PIXEL)
-    return decode_levels(iio.imread(path, plugin="pillow", mode="RGB"))  # converted, because a JPEG may be CMYK
+    with without_size_warnings():
+        return decode_levels(iio.imread(path, plugin="pillow", mode="RGB"))  # converted, as a JPEG may be CMYK
 
 
 def _read_exr(path: Path, convert: bool = True) -> Float64:

@@ -152,12 +152,11 @@ class FilmMetadata:
         return {f"glpath.{key}": value for key, value in plain.items()}
 
 
-def metadata_of(text: str) -> FilmMetadata:
-    """Return metadata from the JSON text of a film's file.
+def metadata_of(stored: Mapping[str, Any]) -> FilmMetadata:
+    """Return metadata from the JSON object of a film's file.
 
     Raises ValueError if a field is missing or has a wrong type.
     """
-    stored = json.loads(text, parse_constant=_refuse)
     known = {f.name for f in fields(FilmMetadata)}
     metadata = FilmMetadata(**{key: value for key, value in stored.items() if key in known})
     for names, kinds in _METADATA_TYPES.items():
@@ -224,10 +223,6 @@ def _check_names(metadata: FilmMetadata) -> None:
         raise ValueError("its names of shapes and materials are not as many texts")
     if not all(type(number) is int and 0 <= number < len(materials) for number in of):
         raise ValueError(f"its shapes are of materials {shown(of[:20])}, of which it names {len(materials)}")
-
-
-def _refuse(constant: str) -> None:
-    raise ValueError(f"its metadata hold {constant}")
 
 
 def _plain_values(value: object) -> bool:

@@ -74,7 +74,7 @@ def read_parts(path: str | Path) -> FilmParts:
                 f"{path}: is a film of format {found}; this version of glpath reads format {FORMAT}.",
                 "Read it with the glpath that wrote it, or render it anew.",
             )
-        metadata = metadata_of(str(stored.read("metadata", "U", ())))
+        metadata = metadata_of(stored.read_object("metadata", only_finite=True))
         counts = stored.read("batch_counts", "iu", (None,))
         block = int(stored.read("block", "iu", ()))
         if (len(counts), block) != (BATCHES, BLOCK):

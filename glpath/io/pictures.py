@@ -26,6 +26,13 @@ _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF")
 _BITS_TAG = 258
 # TIFF tag PhotometricInterpretation.
 _PHOTOMETRIC_TAG = 262
+#: Bytes of memory for a pixel of 8 bits per channel while it is decoded, by Pillow's name of the format. Pillow's
+#: decoder of WebP holds several copies of a picture.
+DECODING_PIXEL = {"WEBP": 16}
+#: The same for other formats.
+BYTE_PIXEL = 4
+# Number of pixels that are converted at once.
+_STRIP_PIXELS = 1 << 20
 #: Maximum memory of all pictures of a model together, in bytes.
 MAX_BYTES = 2**33
 
@@ -74,7 +81,7 @@ class Pictures:
             check_file(path)
             if path.suffix.lower() == ".exr":
                 size = picture_size(path)
-                self._check(path, size.width, size.height, size.channels, 4)
+                self._check(path, size.width, size.height, 4 * size.channels, 4 * BYTE_PIXEL)
                 return read_float_image(path).astype(np.float32)
             import PIL.Image
 
@@ -83,7 +90,9 @@ class Pictures:
                 with PIL.Image.open(path, formats=_FORMATS) as opened:
                     if opened.format in ("JPEG", "MPO"):
                         check_scans(path.read_bytes())
-                    self._check(path, *opened.size, len(opened.getbands()), 4 if opened.mode == "F" else 1)
+                    bytes_each = 4 if opened.mode == "F" else 1
+                    pixel = DECODING_PIXEL.get(opened.format or "", BYTE_PIXEL * bytes_each)
+                    self._check(path, *opened.size, len(opened.getbands()) * bytes_each, pixel)
                     return pixels_of(opened)
         except (UnusableError, TimeLimitError):
             raise
@@ -92,8 +101,13 @@ class Pictures:
         except Exception as error:  # Pillow's parsers may raise anything
             raise UnusableError(f"which cannot be read: {type(error).__name__}: {reason_of(error)}") from error
 
-    def _check(self, path: Path, width: int, height: int, channels: int, bytes_each: int) -> None:
-        decoded = 4 * bytes_each * width * height
+    def _check(self, path: Path, width: int, height: int, pixel: int, decoding_pixel: int) -> None:
+        """Raise UnusableError or ValueError if a picture is too large.
+
+        pixel          : bytes of a pixel as stored, but uncompressed
+        decoding_pixel : bytes of memory for a pixel while it is decoded
+        """
+        decoded = decoding_pixel * width * height
         self._bytes += decoded
         if max(width, height) > MAX_TEXTURE_SIDE or width * height > MAX_TEXTURE_PIXELS:
             raise UnusableError(
@@ -102,7 +116,7 @@ class Pictures:
             )
         if self._bytes > MAX_BYTES:
             raise UnusableError(f"which brings the pictures of the model beyond {MAX_BYTES:,} bytes")
-        self.unfolded.add(channels * bytes_each * width * height, path.stat().st_size, decoded)
+        self.unfolded.add(pixel * width * height, path.stat().st_size, decoded)
 
 
 def pixels_of(opened: Any) -> Image:
@@ -122,7 +136,7 @@ def stored_pixels(opened: Any) -> NDArray[Any]:
     """
     if opened.mode != "F" and not opened.mode.startswith("I"):
         alpha = "A" in opened.getbands() or "transparency" in opened.info
-        return np.asarray(opened.convert("RGBA" if alpha else "RGB"), np.uint8)
+        return _bytes_of(opened, "RGBA" if alpha else "RGB")
     grey = np.asarray(opened)
     _check_range(opened, grey)
     if opened.mode == "F":
@@ -131,6 +145,17 @@ def stored_pixels(opened: Any) -> NDArray[Any]:
     if isinstance(transparent := opened.info.get("transparency"), int):
         channels.append(np.where(grey == transparent, 0, 65535).astype(np.uint16))
     return np.stack(channels, axis=2)
+
+
+def _bytes_of(opened: Any, mode: str) -> NDArray[np.uint8]:
+    """Return the pixels of a Pillow image in a mode, converted in strips, because Pillow makes several copies."""
+    opened.load()
+    pixels = np.empty((opened.height, opened.width, len(mode)), np.uint8)
+    rows = max(1, _STRIP_PIXELS // opened.width)
+    for top in range(0, opened.height, rows):
+        strip = opened.crop((0, top, opened.width, min(top + rows, opened.height)))
+        pixels[top : top + rows] = strip.convert(mode)
+    return pixels
 
 
 def _check_range(opened: Any, grey: NDArray[Any]) -> None:

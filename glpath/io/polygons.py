@@ -41,10 +41,15 @@ _NO_AREA = 1e-9
 _LEFT_OUT = 1e-3
 # Maximum number of corners of a polygon whose edges are tested for crossing each other.
 _MAX_COMPARED = 1 << 8
+# Maximum sum of squared numbers of corners of the polygons of a mesh that are tested so. They take a second.
+_MAX_COMPARISONS = 1 << 25
 # Maximum number of crossings of edges with bands in a polygon with holes; above it ear clipping is used.
 _MAX_CROSSED = 40_000
 # Maximum number of corners for ear clipping. Its time is quadratic at worst, and half a second for this many.
 _MAX_EAR_CORNERS = 1 << 14
+# Number of corners up to which ear clipping is fast. A larger polygon costs its squared number of corners, and
+# _CROSSING times that if it crosses itself. Maximum cost of a mesh, which takes 3 seconds; and of one step.
+_FAST_EAR_CORNERS, _CROSSING, _MAX_EAR_COST, _STEP_COST = 80, 16, 1 << 33, 1 << 29
 
 
 @dataclass(frozen=True)
@@ -78,13 +83,14 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
 
     A quad is split from its first corner to its third, unless only the other diagonal lies within it.
 
-    Raises ValueError for a polygon that is no fan and has too many corners for ear clipping.
+    Raises ValueError for polygons that are no fans and have too many corners for ear clipping, one or all together.
     """
     sizes = np.asarray(sizes, np.int64)
     if (sizes == 3).all():
         return Split(np.arange(3 * len(sizes)).reshape(-1, 3), np.arange(len(sizes)))
     first = np.cumsum(sizes) - sizes
     triangles, polygons, crossing = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)], 0
+    cost, comparisons = 0, _MAX_COMPARISONS
     for size in np.unique(sizes[sizes >= 3]).tolist():
         check_time()
         chosen = np.flatnonzero(sizes == size)
@@ -102,11 +108,21 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
             are_fans, fans_cross = _are_fans(rings)
             crossing += int(np.count_nonzero(fans_cross))
             others = np.flatnonzero(~are_fans)
-            if len(others):
-                ears, of, ears_cross = _ears_of_rings(rings[others])
-                crossing += int(np.count_nonzero(ears_cross))
-                triangles.append(starts[others][of, None] + ears)
-                polygons.append(chosen[others][of])
+            step = max(1, _STEP_COST // size**2)
+            for part in (others[at : at + step] for at in range(0, len(others), step)):
+                check_time()
+                ears, of, ears_cross = _ears_of_rings(rings[part], comparisons // size**2)
+                comparisons = max(0, comparisons - len(part) * size**2)
+                number_crossing = int(np.count_nonzero(ears_cross))
+                crossing += number_crossing
+                cost += size**2 * (len(part) + (_CROSSING - 1) * number_crossing) * (size > _FAST_EAR_CORNERS)
+                if cost > _MAX_EAR_COST:
+                    raise ValueError(
+                        f"its polygons of up to {size:,} corners take too long to split, above all those that "
+                        "cross themselves, so save them as triangles"
+                    )
+                triangles.append(starts[part][of, None] + ears)
+                polygons.append(chosen[part][of])
             local, starts, chosen = (np.delete(each, others, axis=0) for each in (local, starts, chosen))
         triangles.append((local + starts[:, None, None]).reshape(-1, 3))
         polygons.append(np.repeat(chosen, local.shape[1]))
@@ -226,8 +242,11 @@ def _are_fans(rings: Float64) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     return np.asarray(ahead & (angles < 2 * np.pi) | crossed | has_no_area), crossed
 
 
-def _ears_of_rings(rings: Float64) -> tuple[Int64, Int64, NDArray[np.bool_]]:
-    """Clip ears of rings (N, k, 3). Return corners (T, 3), ring (T,), and (N,) True if a ring crosses itself."""
+def _ears_of_rings(rings: Float64, compared: int) -> tuple[Int64, Int64, NDArray[np.bool_]]:
+    """Clip ears of rings (N, k, 3). Return corners (T, 3), ring (T,), and (N,) True if a ring crosses itself.
+
+    compared : maximum number of rings whose edges are tested for crossing each other, too
+    """
     spokes = rings[:, 1:] - rings[:, :1]
     normals = _cross(spokes[:, :-1], spokes[:, 1:]).sum(axis=1)
     # Project along the coordinate axis nearest to the normal, with the front towards the viewer.
@@ -242,19 +261,22 @@ def _ears_of_rings(rings: Float64) -> tuple[Int64, Int64, NDArray[np.bool_]]:
     covered = np.bincount(of, _doubled_areas(plane[of[:, None], corners]), len(rings))
     areas = np.abs(normals).max(axis=1)
     crossed = np.abs(areas - covered) > _LEFT_OUT * areas
-    return corners, of, crossed | _edges_cross(plane)
+    return corners, of, crossed | _edges_cross(plane, compared)
 
 
-def _edges_cross(outlines: Float64) -> NDArray[np.bool_]:
+def _edges_cross(outlines: Float64, compared: int) -> NDArray[np.bool_]:
     """Return (N,) bool: True if two edges of an outline (N, k, 2) cross, instead of only touching.
 
-    Outlines of more than _MAX_COMPARED corners are not compared, and count as not crossing.
+    Outlines beyond the first `compared` and those of more than _MAX_COMPARED corners count as not crossing.
     """
     count, size = outlines.shape[:2]
-    if size > _MAX_COMPARED:
-        return np.zeros(count, np.bool_)
+    cross = np.zeros(count, np.bool_)
+    last = min(count, compared) if size <= _MAX_COMPARED else 0
     step = max(1, _MAX_COMPARED**2 // size**2)
-    return np.concatenate([_edges_cross_of(outlines[at : at + step]) for at in range(0, count, step)])
+    for at in range(0, last, step):
+        stop = min(at + step, last)
+        cross[at:stop] = _edges_cross_of(outlines[at:stop])
+    return cross
 
 
 def _edges_cross_of(outlines: Float64) -> NDArray[np.bool_]:

@@ -336,7 +336,7 @@ class RadiositySolution:
                     f"format {FORMAT}: irradiance, direct and indirect apart.",
                     "Solve the scene anew: glpath radiosity SCENE -o NAME.npz.",
                 )
-            made_by = json.loads(str(stored.read("made_by", "U", ())))
+            made_by = stored.read_object("made_by")
             names = {"scene_hash": str, "method": str, "settings": dict, "statistics": dict}
             if [type(made_by.get(name)) for name in names] != list(names.values()):
                 raise ValueError(f"what made it is not {', '.join(names)}")

@@ -9,6 +9,7 @@ Source: numpy's NEP 1 (the .npy format).
 from __future__ import annotations
 
 import io
+import json
 import math
 import zipfile
 from collections.abc import Iterator
@@ -22,14 +23,22 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from glpath.errors import ImageError
-from glpath.system.files import open_file, reading
+from glpath.system.files import MAX_TEXT_BYTES, open_file, reading
 
 # Upper bound of the header size of an array of numbers, bytes.
 _HEADER = 4096
+# Compression methods of numpy's archives. bzip2 and LZMA unfold a few bytes to gigabytes before the first is read.
+_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+# Bytes of memory for a text of an array that becomes a Python object.
+_TEXT_OBJECT = 64
+# Bytes per character of an array of text.
+_CHARACTER = np.dtype("U1").itemsize
 # Data whose uncompressed size in bytes is at most this are always accepted.
 _UNFOLDED = 256 << 20
 # Maximum ratio of uncompressed to stored bytes for larger data. Above it the data are rejected.
 _RATIO = 64
+# Maximum ratio of decoded to stored bytes for larger data. It is that of colours of 8 bits, decoded to float64.
+_DECODED_RATIO = 8 * _RATIO
 # The same for all pictures of a model together. Lossy pictures of smooth surfaces reach a ratio of 200.
 _PICTURES_RATIO = 256
 
@@ -64,6 +73,11 @@ class Arrays:
         if name not in self:
             raise ImageError(f"{self._path}: is not {self._what}: it holds no `{name}`.", self._remedy)
         member = self._archive.getinfo(f"{name}.npy")
+        if member.compress_type not in _COMPRESSIONS:
+            methods = {zipfile.ZIP_BZIP2: "bzip2", zipfile.ZIP_LZMA: "lzma"}
+            method = methods.get(member.compress_type, f"method {member.compress_type}")
+            raise ValueError(f"`{name}` is compressed by {method}, expected deflate, or no compression")
+        check_unfolded(member.file_size, member.compress_size)
         with self._archive.open(member) as stream:
             found, dtype, size = _header(stream)
         if size != member.file_size:
@@ -71,7 +85,8 @@ class Arrays:
         fits = shape is None or (
             len(found) == len(shape) and all(w in (None, n) for n, w in zip(found, shape, strict=True))
         )
-        check_unfolded(member.file_size, member.compress_size, math.prod(found) * decoded_bytes)
+        value_bytes = max(decoded_bytes, _TEXT_OBJECT) if dtype.kind == "U" else decoded_bytes
+        check_unfolded(member.file_size, member.compress_size, math.prod(found) * value_bytes)
         if max_values is not None and math.prod(found) > max_values:
             raise ValueError(f"`{name}` is an array {_shown(found)}, expected {max_values} values at most")
         if dtype.kind not in kinds or not fits:
@@ -79,6 +94,32 @@ class Arrays:
             raise ValueError(f"`{name}` is an array {_shown(found)} of {dtype}{wanted} of kind {'/'.join(kinds)}")
         with self._archive.open(member) as stream:
             return npy.read_array(stream, allow_pickle=False)
+
+    def read_object(self, name: str, *, only_finite: bool = False) -> dict[str, Any]:
+        """Read a JSON object, which the array `name` holds as text.
+
+        only_finite : True if NaN and infinite numbers are not allowed
+
+        Raises ValueError for compressed text of more than MAX_TEXT_BYTES characters and for other JSON values, and
+        the errors of `read`.
+        """
+        if name in self:
+            member = self._archive.getinfo(f"{name}.npy")
+            characters = member.file_size // _CHARACTER
+            # An uncompressed text takes as many bytes of the file as the limit allows, so it may be longer.
+            if characters > max(MAX_TEXT_BYTES + _HEADER, member.compress_size // _CHARACTER):
+                raise ValueError(
+                    f"`{name}` is a compressed text of {characters:,} letters, expected {MAX_TEXT_BYTES:,} at most"
+                )
+        found = json.loads(str(self.read(name, "U", ())), parse_constant=_refuse if only_finite else None)
+        if not isinstance(found, dict):
+            kinds = {list: "a list", str: "a text", bool: "a bool", type(None): "null"}
+            raise ValueError(f"its {name} is {kinds.get(type(found), 'a number')}, expected an object")
+        return found
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"it holds {constant} where a finite number is expected")
 
 
 @contextmanager
@@ -112,9 +153,10 @@ def check_unfolded(unfolded: int, stored: int, decoded: int = 0) -> None:
     decoded  : memory in bytes of the values made from the uncompressed data, if it is more
     """
     memory = max(unfolded, decoded)
-    if memory > _UNFOLDED and unfolded > _RATIO * stored:
+    if memory > _UNFOLDED and (unfolded > _RATIO * stored or decoded > _DECODED_RATIO * stored):
+        ratio = _RATIO if unfolded > _RATIO * stored else _DECODED_RATIO
         raise ValueError(
-            f"{stored} bytes in it unfold to {memory / 1e9:,.3g} GB; no more than {_RATIO} times is read"
+            f"{stored} bytes in it unfold to {memory / 1e9:,.3g} GB; no more than {ratio} times is read"
         )
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +21,9 @@ from glpath.compare import (
     picture_of_pillow,
     read_picture,
 )
+from glpath.compare.reading import check_sizes
 from glpath.errors import ImageError
-from glpath.film.image import decode_srgb, write_exr
+from glpath.film.image import decode_srgb, read_image, write_exr
 from tests.conftest import MakeFilm
 
 rng = np.random.default_rng(0)
@@ -223,3 +226,32 @@ def test_diff_sees_alpha_and_palettes(tmp_path: Path) -> None:
     a, b = max_difference_pair(read_picture(files[0]), read_picture(files[1]))
     assert np.abs(a.mean - b.mean).max() > 0.1
     assert (np.asarray(Image.open(tmp_path / "c.png")) != 247).any()
+
+
+@pytest.mark.parametrize("suffix", [".png", ".bmp", ".exr"])
+def test_diff_compares_sizes_before_it_decodes(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = [str(tmp_path / f"{name}{suffix}") for name in "ab"]
+    for name, side in zip(names, (3, 4), strict=True):
+        if suffix == ".exr":
+            write_exr(name, np.ones((side, 5, 3)))
+        else:
+            Image.new("RGB", (5, side)).save(name)
+    monkeypatch.setattr("glpath.compare.read_picture", None)
+    result = CliRunner().invoke(app, ["diff", *names])
+    assert isinstance(result.exception, ImageError) or result.exit_code == 1
+    assert "the picture is 5 x 3 and the reference 5 x 4" in str(result.exception) + result.output
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize("read", [read_picture, read_image, check_sizes])
+def test_many_pixels_give_no_warning_of_pillow(
+    suffix: str, read: Callable[..., object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"a{suffix}"
+    Image.new("RGB", (6, 5)).save(path)
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 20)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _ = read(path, path) if read is check_sizes else read(path)

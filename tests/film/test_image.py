@@ -9,6 +9,7 @@ import stat
 import struct
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from glpath.compare import read_picture
 from glpath.errors import GlpathError, ImageError, UsageError
@@ -223,6 +225,25 @@ def test_small_png_of_many_pixels_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ImageError, match=r"bytes in it unfold to 0\.384 GB"):
         image.read_image(tmp_path / "a.png")
     assert image.read_eight_bits(tmp_path / "a.png").shape == (2000, 8000, 3)
+
+
+@pytest.mark.parametrize("read", [image.read_image, read_picture])
+def test_memory_of_decoded_pixels_is_limited_however_few_bits_they_have(
+    read: Callable[[Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A comment of 300 bytes does not pay for 10,000 pixels of one bit, which take 24 bytes each."""
+    Image.new("1", (100, 100)).save(tmp_path / "a.png", pnginfo=text_of(300))
+    Image.new("1", (100, 100)).save(tmp_path / "b.png", pnginfo=text_of(600))
+    monkeypatch.setattr("glpath.system.npz._UNFOLDED", 1 << 10)
+    with pytest.raises(ImageError, match=r"unfold to 0\.00024 GB; no more than 512 times is read"):
+        read(tmp_path / "a.png")
+    read(tmp_path / "b.png")
+
+
+def text_of(size: int) -> PngInfo:
+    info = PngInfo()
+    info.add_text("Comment", "x" * size)
+    return info
 
 
 def test_jpeg_of_many_scans_is_refused_and_of_few_is_read(tmp_path: Path) -> None:

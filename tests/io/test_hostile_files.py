@@ -9,6 +9,7 @@ import sys
 import time
 import tracemalloc
 import warnings
+import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable
@@ -22,10 +23,14 @@ import pytest
 import glpath
 from glpath.cli.point_files import read_points
 from glpath.errors import GlpathError, ImageError
+from glpath.film.film import Film
 from glpath.film.image import read_environment
 from glpath.io.mitsuba.document import read_document
 from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.io.weather import read_weather
+from glpath.radiosity.solution import FORMAT as SOLUTION_FORMAT
+from glpath.radiosity.view_factors.result import FORMAT as VIEW_FACTORS_FORMAT
+from glpath.radiosity.view_factors.result import ViewFactors
 from glpath.rendering import RenderJob
 from glpath.scene.digest import digest_of
 from glpath.terrain.reading import load_height_field
@@ -561,3 +566,81 @@ def test_a_line_of_one_long_pattern_is_read_in_linear_time(name: str, text: str,
     with suppress(GlpathError):
         glpath.load_scene(scene)
     assert time.process_time() - begun < 1.5
+
+
+def write_npz(path: Path, method: int, **arrays: object) -> Path:
+    """Write an .npz file whose arrays are compressed by a method of `zipfile`."""
+    with zipfile.ZipFile(path, "w", method) as archive:
+        for name, values in arrays.items():
+            with archive.open(f"{name}.npy", "w") as file:
+                np.save(file, np.asarray(values))
+    return path
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_arrays_in_slow_compression_are_refused_before_they_are_unpacked(
+    method: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_npz(tmp_path / "a.npz", method, radiance=np.ones((2, 2, 3)), film_format=1)
+    monkeypatch.setattr(zipfile.ZipFile, "open", None)
+    for read in (glpath.read_image, Film.load):
+        with pytest.raises(ImageError, match=r"is compressed by (bzip2|lzma), expected deflate, or no compression"):
+            read(path)
+
+
+def test_arrays_that_unfold_to_much_are_refused_before_they_are_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_npz(tmp_path / "a.npz", zipfile.ZIP_DEFLATED, radiance=np.ones((64, 64, 3)))
+    assert glpath.read_image(path).shape == (64, 64, 3)
+    monkeypatch.setattr("glpath.system.npz._UNFOLDED", 1 << 10)
+    monkeypatch.setattr(zipfile.ZipFile, "open", None)
+    with pytest.raises(ImageError, match="unfold to"):
+        glpath.read_image(path)
+
+
+JSON_TEXTS: dict[str, tuple[Callable[[Path], object], dict[str, object]]] = {
+    "metadata": (Film.load, {}),
+    "made_by": (glpath.RadiositySolution.load, {"radiosity_format": SOLUTION_FORMAT}),
+    "statistics": (
+        ViewFactors.load,
+        {
+            "glpath_view_factors": VIEW_FACTORS_FORMAT,
+            "shape": [1, 1],
+            "data": [0.0],
+            "indices": [0],
+            "indptr": [0, 1],
+            "areas": [1.0],
+            "error": [0.0],
+            "backs": [0.0],
+            "backs_error": [0.0],
+            "names": np.zeros(0, np.str_),
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize("name", JSON_TEXTS)
+@pytest.mark.parametrize(("json", "kind"), [("[]", "a list"), ("3", "a number"), ("null", "null")])
+def test_json_text_that_is_no_object_is_named(name: str, json: str, kind: str, tmp_path: Path) -> None:
+    read, others = JSON_TEXTS[name]
+    path = write_npz(tmp_path / "a.npz", zipfile.ZIP_DEFLATED, **others, **{name: json})
+    with pytest.raises(ImageError, match=f"its {name} is {kind}, expected an object"):
+        read(path)
+
+
+@pytest.mark.parametrize("name", JSON_TEXTS)
+def test_compressed_json_text_has_a_maximum_length(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("glpath.system.npz.MAX_TEXT_BYTES", 1000)
+    read, others = JSON_TEXTS[name]
+    text = "[" + "[]," * 3000 + "[]]"
+    path = write_npz(tmp_path / "a.npz", zipfile.ZIP_DEFLATED, **others, **{name: text})
+    with pytest.raises(
+        ImageError, match=rf"`{name}` is a compressed text of 9,\d+ letters, expected 1,000 at most"
+    ):
+        read(path)
+    path = write_npz(tmp_path / "a.npz", zipfile.ZIP_STORED, **others, **{name: text})
+    with pytest.raises(ImageError, match=f"its {name} is a list"):
+        read(path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import tracemalloc
 import warnings
 from pathlib import Path
 from urllib.parse import quote
@@ -16,7 +17,7 @@ from glpath import load_scene
 from glpath.errors import SceneError
 from glpath.film.image import decode_srgb
 from glpath.io.completed import aside
-from glpath.io.pictures import Pictures
+from glpath.io.pictures import Pictures, pixels_of
 from glpath.scene.model import Scene
 
 BROWN = (120, 80, 40)
@@ -322,3 +323,36 @@ def test_mitsuba_finds_pictures_as_models_do(tmp_path: Path, name: str) -> None:
     Image.new("RGB", (2, 2), BROWN).save(tmp_path / "wood.bmp")
     scene, _ = read(mitsuba(tmp_path, name))
     assert scene.textures[0].image[0, 0, :3].tolist() == list(BROWN)
+
+
+@pytest.mark.parametrize("mode", ["1", "L", "P", "RGB", "RGBA", "LA", "CMYK"])
+def test_pixels_are_converted_in_strips_without_copies_of_the_picture(
+    mode: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    noise = np.random.default_rng(1).integers(0, 256, (600, 500, 4), np.uint8)
+    image = Image.fromarray(noise).convert("RGB").convert(mode) if mode != "RGBA" else Image.fromarray(noise)
+    if mode == "P":
+        image.info["transparency"] = 3
+    alpha = "A" in mode or mode == "P"
+    expected = np.asarray(image.convert("RGBA" if alpha else "RGB"))
+    monkeypatch.setattr("glpath.io.pictures._STRIP_PIXELS", 10_000)
+    tracemalloc.start()
+    found = pixels_of(image)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert np.array_equal(found, expected)
+    assert peak < 1.3 * found.nbytes
+
+
+@pytest.mark.filterwarnings("ignore::glpath.SceneWarning")
+@pytest.mark.parametrize("form", ["obj", "gltf"])
+def test_webp_pictures_count_the_copies_that_their_decoder_holds(
+    form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Image.new("RGB", (512, 512)).save(tmp_path / "a.webp", lossless=True)
+    path = obj(tmp_path, "a.webp") if form == "obj" else gltf(tmp_path, "a.webp")
+    monkeypatch.setattr("glpath.system.npz._UNFOLDED", 16 * 512 * 512)
+    load_scene(path)
+    monkeypatch.setattr("glpath.system.npz._UNFOLDED", 16 * 512 * 512 - 1)
+    with pytest.raises(SceneError, match="unfold to") if form == "gltf" else pytest.warns(match="unfold to"):
+        load_scene(path)

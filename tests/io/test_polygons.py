@@ -249,3 +249,32 @@ def test_a_ragged_face_of_thousands_of_corners_is_split_within_a_second(holes: i
     area = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)) - holes * 0.02**2
     assert areas(vertices, faces, np.array([0, 0, 1.0])).sum() == pytest.approx(area)
     assert missing == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize("crosses", [True, False])
+def test_the_cost_of_large_polygons_of_a_mesh_is_limited(crosses: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A polygon of 100 corners that crosses itself costs sixteen times as much as one that does not."""
+    turn = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    star = np.where(np.arange(100) % 2, 1, 0.5)[:, None] * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    ring = np.random.default_rng(0).random((100, 3)) * [1, 1, 0] if crosses else star
+    corners, sizes = np.tile(np.arange(100), 3), np.full(3, 100)
+    monkeypatch.setattr("glpath.io.polygons._STEP_COST", 100**2)
+    monkeypatch.setattr("glpath.io.polygons._MAX_EAR_COST", 3 * 100**2 * (16 if crosses else 1))
+    split = split_polygons(ring, corners, sizes)
+    assert split.crossing == (3 if crosses else 0)
+    assert np.array_equal(np.unique(split.polygons), [0, 1, 2])
+    monkeypatch.setattr("glpath.io.polygons._MAX_EAR_COST", 3 * 100**2 * (16 if crosses else 1) - 1)
+    with pytest.raises(ValueError, match="polygons of up to 100 corners take too long to split"):
+        split_polygons(ring, corners, sizes)
+
+
+def test_the_number_of_outlines_that_are_compared_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The figure has a small loop, whose area is too small to be missed."""
+    loop = [[0, 5, 0], [0.01, 4.99, 0], [0.01, 5, 0], [0, 4.99, 0]]
+    ring = np.array([[0, 0, 0], [9, 0, 0], [9, 9, 0], [5, 1, 0], [0, 9, 0], *loop])
+    corners, sizes = np.tile(np.arange(9), 4), np.full(4, 9)
+    found = split_polygons(ring, corners, sizes)
+    monkeypatch.setattr("glpath.io.polygons._MAX_COMPARISONS", 2 * 9**2)
+    limited = split_polygons(ring, corners, sizes)
+    assert (found.crossing, limited.crossing) == (4, 2)
+    assert np.array_equal(found.triangles, limited.triangles)

@@ -3,12 +3,13 @@
 It needs meshopt and DracoPy (`glpath[gltf]`) and opengl_basisu (`glpath[ktx2]`). If a file also holds the
 uncompressed data, they are read instead, and no package is needed.
 
-Source: EXT_meshopt_compression, KHR_draco_mesh_compression, KHR_texture_basisu.
+Source: EXT_meshopt_compression, KHR_draco_mesh_compression, KHR_texture_basisu; Draco Bitstream Specification 2.2.
 """
 
 from __future__ import annotations
 
 import importlib
+import io
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ from glpath.scene.source_location import SourceLocation
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 DRACO = "KHR_draco_mesh_compression"
 BASISU = "KHR_texture_basisu"
+# Draco: flag of a header that metadata follow; maximum number of bits of a count.
+_DRACO_METADATA, _DRACO_COUNT_BITS = 0x8000, 32
 
 
 def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
@@ -34,7 +37,8 @@ def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
         rows = decoder.decode_gltf_buffer(bytes(data), count, stride, mode, chosen)
     except Exception as error:  # the library raises all kinds of exceptions
         raise _broken(table.location, error) from error
-    return memoryview(np.ascontiguousarray(rows).tobytes())
+    flat: Any = np.ascontiguousarray(rows).reshape(-1).view(np.uint8)
+    return memoryview(flat).toreadonly()  # without a copy
 
 
 def draco(data: memoryview, location: SourceLocation) -> tuple[NDArray[np.int64], dict[int, NDArray[Any]]]:
@@ -46,6 +50,56 @@ def draco(data: memoryview, location: SourceLocation) -> tuple[NDArray[np.int64]
         return faces, {int(a["unique_id"]): np.asarray(a["data"]) for a in mesh.attributes}
     except Exception as error:  # the library raises all kinds of exceptions
         raise _broken(location, error) from error
+
+
+def draco_counts(data: memoryview, location: SourceLocation) -> tuple[int, int]:
+    """Return the maximum numbers of faces and points of a Draco mesh from its header, before it is decoded."""
+    stream = io.BytesIO(data)
+    try:
+        head = stream.read(9)
+        if head[:5] != b"DRACO" or head[7] != 1:
+            raise ValueError("it is not a mesh of Draco")
+        version, is_sequential = (head[5], head[6]), head[8] == 0
+        if int.from_bytes(stream.read(2), "little") & _DRACO_METADATA:
+            for _ in range(_draco_varint(stream)):
+                _draco_varint(stream)  # the attribute's unique id
+                _skip_draco_metadata(stream)
+            _skip_draco_metadata(stream)
+        is_variable = version >= ((2, 2) if is_sequential else (2, 0))
+
+        def count() -> int:
+            return _draco_varint(stream) if is_variable else int.from_bytes(stream.read(4), "little")
+
+        if is_sequential:
+            return count(), count()
+        stream.read(1)  # the order of traversal
+        if version < (2, 2):
+            count()  # vertices that the encoder has split
+        vertices, faces = count(), count()
+    except Exception as error:  # a header that is cut off gives an IndexError, deep metadata a RecursionError
+        raise _broken(location, error) from error
+    # Seams of attributes split vertices, so each corner may be a point of its own.
+    return faces, max(vertices, 3 * faces)
+
+
+def _draco_varint(stream: io.BytesIO) -> int:
+    value = 0
+    for shift in range(0, _DRACO_COUNT_BITS + 3, 7):
+        byte = stream.read(1)[0]
+        value |= (byte & 127) << shift
+        if byte < 128:
+            return value
+    raise ValueError(f"it has a count of more than {_DRACO_COUNT_BITS} bits")
+
+
+def _skip_draco_metadata(stream: io.BytesIO) -> None:
+    """Skip named values, and metadata nested in them."""
+    for _ in range(_draco_varint(stream)):
+        stream.seek(stream.read(1)[0], io.SEEK_CUR)
+        stream.seek(_draco_varint(stream), io.SEEK_CUR)
+    for _ in range(_draco_varint(stream)):
+        stream.seek(stream.read(1)[0], io.SEEK_CUR)
+        _skip_draco_metadata(stream)
 
 
 def ktx2(data: bytes, location: SourceLocation) -> NDArray[np.uint8]:

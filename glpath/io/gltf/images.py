@@ -19,7 +19,7 @@ from glpath.io.gltf import compression
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.limits import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.gltf.table import Table
-from glpath.io.pictures import stored_pixels
+from glpath.io.pictures import BYTE_PIXEL, DECODING_PIXEL, stored_pixels
 from glpath.scene.source_location import SourceLocation
 from glpath.system.time_limit import check_time
 
@@ -63,7 +63,8 @@ def read_image(document: Document, table: Table) -> NDArray[Any]:
         )
     document.take(4 * width * height, table.location)
     try:
-        document.unfolded.add(channels * width * height, len(data), 4 * width * height)
+        decoding = DECODING_PIXEL.get(kind, BYTE_PIXEL) * width * height
+        document.unfolded.add(channels * width * height, len(data), decoding)
     except ValueError as error:
         raise _broken(table.location, error) from error
     if kind == "KTX2":

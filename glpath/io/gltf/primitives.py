@@ -40,6 +40,8 @@ _STROKES = ("points", "lines", "line loop", "line strip")
 #: Vertex attributes that are read, with the allowed numbers of components.
 _WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 _MAX_JOINT_SETS = 4
+# Bytes of memory in which Draco data are decoded, with copies: of a face, and of a vector of a point.
+_DRACO_FACE, _DRACO_VECTOR = 72, 48
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,9 +153,13 @@ class Primitives:
         if position is not None and "bufferView" in every[position]:
             return None
         view = extension.required_index("bufferView", document.all("bufferViews"), "buffer views")
-        faces, by_id = compression.draco(document.view(view), extension.location)
-        document.take(24 * faces.size + sum(8 * a.size for a in by_id.values()), extension.location)
-        ids, found = extension.table("attributes"), {}
+        data, ids, found = document.view(view), extension.table("attributes"), {}
+        max_faces, max_points = compression.draco_counts(data, extension.location)
+        max_bytes = _DRACO_FACE * max_faces + _DRACO_VECTOR * max(1, len(ids.values)) * max_points
+        document.take(max_bytes, extension.location)
+        faces, by_id = compression.draco(data, extension.location)
+        # The header gives upper bounds, so count the actual sizes instead.
+        document.take(24 * faces.size + sum(8 * a.size for a in by_id.values()) - max_bytes, extension.location)
         for name, widths in _WIDTHS.items():
             number = ids.integer(name)
             if number is None:

@@ -76,7 +76,7 @@ class SolverCheckpoint(CheckpointFile):
         with open_npz(self.path, "a checkpoint of a radiosity solution", "Remove it to begin anew.") as stored:
             if (found := int(stored.read("solver_checkpoint", "iu", ()))) != _FORMAT:
                 raise ValueError(f"it is of format {found}, this version of glpath has {_FORMAT}")
-            held = json.loads(str(stored.read("made_by", "U", ())))
+            held = stored.read_object("made_by")
             names = sorted({*asked, *held})
             differ = [name for name in names if held.get(name) != asked.get(name)]
             if differ:

@@ -359,7 +359,7 @@ class ViewFactors:
             if not (all(np.isfinite(part).all() for part in (data, areas, backs)) and (areas >= 0).all()):
                 raise ValueError("it holds values that are not finite")
             names = tuple(map(str, arrays.read("names", "U", (None,)).tolist()))
-            statistics = json.loads(str(arrays.read("statistics", "U", ())))
+            statistics = arrays.read_object("statistics")
             known = {name: arrays.read(name, "f", (n, 3)) for name in ("centroids", "normals") if name in arrays}
             return cls(matrix, areas, error, names, statistics, backs, backs_error, **known)
 

@@ -9,6 +9,7 @@ import os
 import re
 import struct
 import time
+import tracemalloc
 import warnings
 import zlib
 from collections.abc import Callable
@@ -21,7 +22,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.io.gltf import compression
+from glpath.io.gltf.compression import draco_counts
 from glpath.io.gltf.load import read_gltf
+from glpath.io.gltf.table import Table
+from glpath.scene.source_location import SourceLocation
 from tests.support.damaged import write_jpeg_of_scans
 from tests.support.gltf_files import Gltf, glb
 
@@ -396,6 +401,69 @@ def test_broken_compressed_data_are_refused(module: str, tmp_path: Path) -> None
         extensions = {"KHR_texture_basisu": {"source": 0}}
         file.json["textures"][0] = {"extensions": extensions}
     assert "cannot be decompressed" in str(refused(file.write(tmp_path)))
+
+
+def draco_header(method: bytes, counts: bytes, metadata: bytes | None = None) -> bytes:
+    flags = b"\0\0" if metadata is None else b"\0\x80" + metadata
+    return b"DRACO\2\2\1" + method + flags + counts + bytes(40)
+
+
+MANY = b"\xff\xff\xff\x0f"  # 2^25 - 1 as a number of variable length
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        pytest.param(draco_header(b"\0", b"\1" + MANY), "may unfold to", id="points"),
+        pytest.param(draco_header(b"\0", MANY + b"\3"), "may unfold to", id="faces"),
+        pytest.param(draco_header(b"\1", b"\0\3" + MANY), "may unfold to", id="edgebreaker"),
+        pytest.param(
+            draco_header(b"\0", b"\1" + MANY, b"\1\7\1\2ab\3xyz\0" + b"\0\1\1s\0\0"), "may unfold to", id="metadata"
+        ),
+        pytest.param(b"DRACO\2\3\0\1\0\0" + bytes(40), "not a mesh", id="point cloud"),
+        pytest.param(draco_header(b"\0", b"\xff" * 9), "of more than 32 bits", id="count"),
+        pytest.param(draco_header(b"\0", b"", b"\0" + b"\0\1\0" * 5000), "cannot be decompressed", id="nested"),
+        pytest.param(b"DRA", "not a mesh", id="cut off"),
+    ],
+)
+def test_draco_data_are_limited_by_their_header(
+    data: bytes, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draco = pytest.importorskip("DracoPy", reason="needs the extra gltf")
+    monkeypatch.setattr(draco, "decode", None)
+    file = plain()
+    primitive = file.json["meshes"][0]["primitives"][0]
+    extension = {"bufferView": file.view(data), "attributes": {"POSITION": 0}}
+    primitive["extensions"] = {"KHR_draco_mesh_compression": extension}
+    del file.json["accessors"][primitive["attributes"]["POSITION"]]["bufferView"]
+    assert words in str(refused(file.write(tmp_path)))
+
+
+@pytest.mark.parametrize("in_order", [True, False])
+def test_draco_headers_give_the_most_faces_and_points(in_order: bool) -> None:
+    draco = pytest.importorskip("DracoPy", reason="needs the extra gltf")
+    i = np.arange(300)
+    faces = np.stack([i[:-2], i[1:-1], i[2:]], axis=1)
+    points = np.stack([i, i % 2, 0 * i], axis=1).astype(np.float32)
+    data = draco.encode(points, faces, preserve_order=in_order)
+    found = draco_counts(memoryview(data), SourceLocation("a.glb"))
+    assert found == ((298, 300) if in_order else (298, 894))
+    with pytest.raises(SceneError, match="cannot be decompressed"):
+        draco_counts(memoryview(data)[:11], SourceLocation("a.glb"))
+
+
+def test_meshopt_data_are_decoded_without_a_copy() -> None:
+    meshopt = pytest.importorskip("meshopt", reason="needs the extra gltf")
+    count = 1 << 19
+    data = meshopt.encode_gltf_buffer(np.zeros((count, 4), np.uint8), "ATTRIBUTES", 1)
+    table = Table({"mode": "ATTRIBUTES", "count": count, "byteStride": 4}, SourceLocation("a.glb"))
+    tracemalloc.start()
+    found = compression.meshopt(table, memoryview(data), "EXT_meshopt_compression")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found.readonly
+    assert bytes(found) == bytes(4 * count)
+    assert peak < 1.5 * 4 * count
 
 
 VALUES: list[Any] = [
