@@ -324,7 +324,8 @@ def _large_integer(values: Iterable[Any]) -> int | None:
                 of_kind = [each for each in level if type(each) is kind]
                 nested += [part for each in of_kind for part in (dict.keys(each), dict.values(each))]
             elif _class_name(kind) == "ndarray":
-                nested += [each.ravel() for each in level if type(each) is kind and each.dtype.kind == "O"]
+                arrays: list[Any] = [each for each in level if type(each) is kind]
+                nested += [each.ravel() for each in arrays if each.dtype.kind == "O"]
         if not nested:
             return None
         level = list(chain.from_iterable(nested))
