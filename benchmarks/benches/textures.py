@@ -39,8 +39,8 @@ DEPTH = 3
 #: Number of times that the balls' triangles are split in four: 20 balls of 20 * 4^4 triangles.
 FINENESS = 4
 _COLOUR = 0.6
-# Mean of the picture. It is below 1, so that no surface reflects more than all light where the picture is bright.
-_MEAN = 0.75
+# Mean of the picture. Reflectances are divided by it, and the largest is 0.886; so none is above 1.
+_MEAN = 0.888
 _CENTRES = [
     (x, y, z)
     for y in (-0.78, -0.36, 0.06, 0.48)
@@ -61,7 +61,7 @@ def scene_of(kind: str, fineness: int = FINENESS, side: int = SIDE) -> Scene:
     if kind in ("textured", "both"):
         ball = replace(ball, uv=ball.vertices[:, :2])
         walls = [replace(wall, geometry=_with_uv(wall)) for wall in walls]
-        picture = np.random.default_rng(1).uniform(0.5, 1.0, (64, 64, 3))
+        picture = np.random.default_rng(1).choice([0.78, 0.99], (64, 64, 3))
         picture *= _MEAN / picture.mean(axis=(0, 1))
         textures = (Texture("picture", np.rint(255 * picture).astype(np.uint8), (4.0, 4.0)),)
         materials = tuple(replace(m, reflectance=m.reflectance / _MEAN, texture=TextureSlot(0)) for m in materials)

@@ -12,7 +12,7 @@ import typer
 from glpath.cli.help import command_help
 from glpath.cli.signals import hold
 from glpath.errors import ImageError, UsageError
-from glpath.system.terminal import say, say_json
+from glpath.system.terminal import has_no_reader, say, say_json
 
 if TYPE_CHECKING:
     from glpath.compare import Verdict
@@ -146,7 +146,8 @@ def diff(
     try:
         report()
     except ImageError as error:
-        say(f"glpath: error: {error}", err=True)
+        if not has_no_reader(error):
+            say(f"glpath: error: {error}", err=True)
         raise typer.Exit(NOT_PRINTED) from error
     if failure is not None:
         raise failure

@@ -40,7 +40,7 @@ from glpath.cli.signals import (
 from glpath.cli.typed import as_typed, remember_words, typed_words
 from glpath.errors import GlpathError, SceneWarning, UsageError, shortened, warning_scope
 from glpath.system.files import missing_current_folder, recorded_inputs
-from glpath.system.terminal import CleanHandler, report_stream, say
+from glpath.system.terminal import CleanHandler, has_no_reader, report_stream, say
 from glpath.system.time_limit import command_clock
 
 FAILED, WRONG_USAGE = 1, 2
@@ -112,6 +112,8 @@ class Commands(TyperGroup):
 
 def _reported(error: GlpathError) -> typer.Exit:
     """Print an error, and return the exit of the command."""
+    if has_no_reader(error):
+        return typer.Exit(FAILED)
     say(f"glpath: error: {as_typed(shortened(str(error)))}", err=True)
     return typer.Exit(WRONG_USAGE if isinstance(error, UsageError) else FAILED)
 

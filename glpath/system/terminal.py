@@ -151,6 +151,14 @@ def _standard_output() -> Iterator[IO[str]]:
         raise ImageError(f"standard output: cannot be written: {reason.rstrip('.')}.") from error
 
 
+def has_no_reader(error: BaseException) -> bool:
+    """Return True for an error of `say` because the reader of standard output has ended, as after `| head`.
+
+    Programs of Unix then end without a message.
+    """
+    return isinstance(error.__cause__, BrokenPipeError)
+
+
 class _CleanConsole(Console):
     """Console that passes its own control sequences to the terminal, but escapes those in the text.
 

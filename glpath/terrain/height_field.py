@@ -64,8 +64,10 @@ class HeightField:
             )
         apart = [float(each) for each in self.spacing]
         if len(apart) != 2 or not all(_FINEST <= each <= _COARSEST for each in apart):
+            alike = len(apart) == 2 and apart[0] == apart[1]
+            found = short_repr(apart[0] if alike else self.spacing)
             raise SceneError(
-                f"{self.source}: has a spacing of {short_repr(self.spacing)}, but needs one number above 0, or "
+                f"{self.source}: has a spacing of {found}, but needs one number above 0, or "
                 f"two, from {_FINEST:g} to {_COARSEST:g}."
             )
         at_corner = [float(each) for each in self.origin]

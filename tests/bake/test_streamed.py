@@ -266,7 +266,7 @@ def test_it_is_said_what_is_not_baked_and_the_file_has_the_rest(tmp_path: Path) 
 def test_streams_alone_have_nothing_to_bake() -> None:
     with pytest.raises(SceneError, match="no surface in memory to bake: its 128 triangles are streamed") as error:
         glpath.lightmap(scene_of(streamed(sheet()), **SKY), size=32, spp=1)
-    assert "as a mesh" in error.value.remedy
+    assert "meshes in memory" in error.value.remedy
 
 
 def test_a_gather_bakes_beside_a_stream() -> None:

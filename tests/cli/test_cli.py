@@ -474,7 +474,7 @@ def test_an_output_that_cannot_be_written_is_named_before_rendering(renderer: Re
     (tmp_path / "file").touch()
     result = run("render", "furnace", "-o", tmp_path / "a.png", "-o", tmp_path / "file" / "b.png")
     assert result.exit_code == 1
-    assert "b.png: the folder" in result.stderr
+    assert "is a file, but a folder of this name is needed" in result.stderr
     assert not renderer.calls
 
 

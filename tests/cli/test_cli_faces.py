@@ -89,7 +89,7 @@ def test_validate_tells_programs(tmp_path: Path) -> None:
         (("--camera-up", "0,0,1"), "Choose another, such as --camera-up "),
         (("--camera-fov", "190"), "--camera-fov is 190, but must be above 0 and below 180"),
         (("--camera-target", "278,273,-800"), "--camera-target is the same point as --camera-position"),
-        (("--resolution", "99999x99999"), "--resolution is 99999x99999, but must be at least"),
+        (("--resolution", "99999x99999"), "--resolution is 99999x99999, but must be two whole numbers"),
         (("--camera-position", "0,1"), "--camera-position 0,1: expected X,Y,Z"),
         (("--spp", "abc"), "--spp"),
         (("--nope",), "--nope"),

@@ -327,7 +327,7 @@ def test_whether_a_file_can_be_written_is_known_before(tmp_path: Path) -> None:
     files.check_writable(tmp_path / "new" / "folder" / "a.png")
     assert not list(tmp_path.iterdir())
     (tmp_path / "file").touch()
-    with pytest.raises(ImageError, match="cannot be written to"):
+    with pytest.raises(ImageError, match="is a file, but a folder of this name is needed"):
         files.check_writable(tmp_path / "file" / "a.png")
     with pytest.raises(ImageError, match="cannot be written"):
         image.write_exr(tmp_path / "file" / "a.exr", np.ones((1, 1, 3)))

@@ -24,6 +24,7 @@ import glpath
 from glpath.cli import render as render_cli
 from glpath.cli.main import app
 from glpath.cli.run_request import OF_DAYLIGHT, OF_FILMS, OF_MATRICES, OF_RENDERS, OF_SOLVERS
+from glpath.cli.signals import signals_wait_for_results
 from glpath.cli.typed import as_typed
 from glpath.integrators.by_name import INTEGRATORS, IntegratorKeywords
 from glpath.integrators.gather_settings import GatherSettings
@@ -88,7 +89,8 @@ def test_a_new_option_is_on_the_command_line(tmp_path: Any) -> None:
         assert message in str(result.exception)
     out = tmp_path / "a.npz"
     given = ["--fog", "0.5", "--spp", "1", "--max-depth", "1", "--resolution", "8x8", "-q"]
-    result = CliRunner().invoke(app, ["render", BOX, "-o", str(out), *given])
+    with signals_wait_for_results():
+        result = CliRunner().invoke(app, ["render", BOX, "-o", str(out), *given])
     assert result.exit_code == 0, result.output
     assert glpath.Film.load(out).metadata.settings["fog"] == 0.5
 
