@@ -316,7 +316,8 @@ def _shining_points(
     """Return rays from each origin (N, 3) to the punctual lights, and to a random point of a random lamp.
 
     Each entry has unit directions (N, 3), distances (N,), and the lamps' triangles (N,), -1 for punctual lights.
-    The distance is infinite for directional lights, and for a lamp's side that does not emit.
+    The distance is infinite for directional lights, and for points on a side of a lamp that does
+    not emit, which marks the ray as blocked.
     """
     none = np.full(len(origins), -1)
     made = []

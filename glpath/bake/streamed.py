@@ -290,7 +290,7 @@ def in_memory(scene: Scene) -> Scene:
 def _surveyed(rays: StreamedRays) -> tuple[float, Float64, tuple[Int64, Float64, Float64, Float64]]:
     """Return the area of all streamed triangles, the sum (3,) of their area vectors, and points on them.
 
-    The points are given by stream, weight, position and normal.
+    The points are four arrays: index of the stream, area that the point stands for, position and normal.
     """
     random = np.random.default_rng(0)
     total = sum(stream.count for _, stream in rays.scene.shapes.streams)

@@ -58,8 +58,8 @@ def _mirrored(c: Float64, candela: Float64, at: float) -> tuple[Float64, Float64
 def on_regular_grid(c: Float64, candela: Float64, gamma: Float64) -> LightProfile:
     """Return the profile resampled to a regular grid.
 
-    A grid has at most 1440 steps of C and `MAX_VALUES` intensities. If a grid within these limits contains all
-    given angles, it is used. Otherwise the grid has the finest steps that the limits allow.
+    A grid has at most 1440 steps of the azimuth C, and `MAX_VALUES` intensities. If a grid within these limits
+    contains all given angles, it is used. Otherwise the grid has the finest steps that the limits allow.
 
     c       : (C,) degrees, from 0 to 360
     candela : (C, gamma) intensities

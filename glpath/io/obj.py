@@ -1,8 +1,8 @@
 """Read OBJ files as arrays: all polygons that the format allows, in the variants that exporters write.
 
-Indices count from 1, or backwards from the last vertex so far if they are negative; `text` has the rules for lines
-and comments. Normals, texture coordinates and vertices that are NaN or infinite are left out, and so are faces with
-such a vertex. One warning reports all of these.
+Indices count from 1, or backwards from the last vertex so far if they are negative. The module `text` has the rules
+for lines and comments. Normals, texture coordinates and vertices that are NaN or infinite are left out, and so are
+faces with such a vertex. One warning reports all of these.
 
 Source: Wavefront's Advanced Visualizer manual, appendix B1 (Object Files).
 """

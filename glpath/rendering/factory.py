@@ -214,7 +214,7 @@ def sensor_in(traced: Scene, sensor: Sensor, scene: Scene) -> Sensor:
 
 
 def plan_of(settings: IntegratorSettings) -> Plan:
-    """Return the plan of an integrator with its settings."""
+    """Return the object that prepares and makes the engine of the integrator with these settings."""
     return PLANS[settings.integrator](settings)
 
 

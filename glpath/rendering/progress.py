@@ -123,7 +123,7 @@ def _image() -> Iterator[Report]:
 
 
 class _Pace:
-    """Path sets per second since the first report; earlier time was spent compiling shaders."""
+    """Path sets (sample passes) per second since the first report. Earlier time was spent compiling shaders."""
 
     def __init__(self) -> None:
         self._first: tuple[int, float] | None = None

@@ -514,10 +514,11 @@ def check_outputs(
 ) -> None:
     """Raise GlpathError if an output cannot be written, is also an input, or is the same file as another output.
 
-    Also raise GlpathError, with the name of the holder, if another process has locked an output as its checkpoint.
-    Files that the command has already read count as inputs; see `recorded_inputs`.
+    Two different paths that lead to one file are an error; the same path twice is allowed. Also raise GlpathError,
+    with the name of the process, if another process writes its checkpoint to an output. Files that the command has
+    already read count as inputs; see `recorded_inputs`.
 
-    paths   : outputs; a path that is given twice is one output
+    paths   : outputs
     inputs  : further files that the command reads; None and names that are no files are ignored
     derived : outputs in the folders of `paths` that the user did not name, such as numbered frames
     """

@@ -175,7 +175,7 @@ class KernelCache(NUMBA.function_cache):  # type: ignore[misc, name-defined]
         return self.folder / f"{self._impl.filename_base}.{which}.{self._version}.nbc"
 
     def _checksum(self, sig: Any, codegen: Any, content: Any) -> bytes:
-        """Return the SHA-256 of a kernel's inputs and content. It is compared before the content is unpickled."""
+        """Return the SHA-256 of compiled code and of its source. It is compared before the code is unpickled."""
         made_from = repr((numba.__version__, self._stamp, self._index_key(sig, codegen)))
         return hashlib.sha256(made_from.encode() + content).digest()
 

@@ -179,7 +179,7 @@ def _ascii_grid(path: Path, holes: bool) -> HeightField:
         raise SceneError(f"{path}: has a height that is no number: {_text(wrong)}.") from None
     if len(values) != rows * columns:
         raise SceneError(f"{path}: has {len(values):,} heights where {rows} x {columns} are announced.")
-    with np.errstate(over="ignore"):  # the lowest float64 becomes -inf, as heights of that value do
+    with np.errstate(over="ignore"):  # float32 of the lowest float64 is -inf, for heights and for this
         no_data = np.float32(header.get("nodata_value", -9999.0))
     west = header.get("xllcenter", header.get("xllcorner", 0.0) + 0.5 * apart[0])
     south = header.get("yllcenter", header.get("yllcorner", 0.0) + 0.5 * apart[1])

@@ -49,7 +49,7 @@ from glpath.scene.sun import Sun
 Sampler = Literal["independent", "multijitter"]
 
 #: Offset of each side of a two-sided light, as a fraction of the scene's diagonal. A ray from either side then hits
-#: the side that faces it first.
+#: the side that faces the ray before it hits the other side.
 SIDE_OFFSET = 1e-5
 # Number of rows of the environment map that is exported for a sky with a gradient.
 _SKY_ROWS = 1025

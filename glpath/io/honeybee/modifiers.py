@@ -206,7 +206,7 @@ class Modifiers:
         return self._from_set(room_set, "door_set", f"{key}_modifier", door.identifier)
 
     def of_shade(self, room_set: str | None, *, indoors: bool, user: str) -> str:
-        """Return the name of the default modifier of a shade without its own."""
+        """Return the name of the default modifier (material) for a shading surface that has none."""
         return self._from_set(room_set, "shade_set", _BOTH[not indoors], user)
 
     def _set(self, name: str | None, user: str) -> ModifierSet:

@@ -338,7 +338,8 @@ def never_hit(x, a, b, polygons, size):  # type: ignore[no-untyped-def]
     """Return True if polygon x cannot block a segment from box a to box b, as both lie on one side of its plane.
 
     One box may also touch the plane, because the hit would be within `ENDS` of the segment's end. Also True for a
-    solid's polygon with box a behind it [SC, Enhancements]. `size` is the occluders' largest coordinate.
+    polygon of a closed solid if box a is behind it, because a segment enters the solid by another polygon
+    [SC, Enhancements]. `size` is the occluders' largest coordinate.
     """
     forms = polygons.forms
     min_a = max_a = min_b = max_b = forms[x, 3]

@@ -55,7 +55,7 @@ _CELL_RAYS = 16
 _FAR_RAYS = 4
 #: Number of the most important sides of cells, which get more rays, because a window may be small.
 _CLOSER = 2048
-#: Number of rays to the sky from each of the four points of the most important sides.
+#: Number of rays to the sky from each of the four sample points of a cell, on its most important sides.
 _CLOSE_RAYS = 100
 #: Number of quadtree levels in the first pass; each level halves the edges.
 _FIRST_DEPTH = 2
@@ -202,7 +202,8 @@ class Shooting:
     def detail(self) -> Detail:
         """Return the elements within which the light found so far changes by more than the threshold.
 
-        For a camera, direct light counts only where a gather looks it up; elsewhere the gather traces it.
+        For a camera, direct light counts only near lamps, where a gather reads it from the solution. Elsewhere the
+        gather traces shadow rays instead.
         """
         direct = self.tree.of_coarse(np.stack([self._nearness] * 2))[..., None]
         light = self.flux[INDIRECT] + direct * self.flux[DIRECT]

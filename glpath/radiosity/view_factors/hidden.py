@@ -157,7 +157,9 @@ def seen_from(point, plane, polygon, clipped, work):  # type: ignore[no-untyped-
                     lowest, highest = min(lowest, h), max(highest, h)
                 if highest <= eps:
                     outside = True
-                    work.parting[o] = e  # this plane probably separates part and pyramid for the next point too
+                    work.parting[o] = (
+                        e  # this plane of the pyramid probably rejects the occluder for the next sample point too
+                    )
                     break
                 if lowest < -eps:
                     inside = False

@@ -44,7 +44,7 @@ _OPEN = 0.02
 _ROUNDS = 20
 # Maximum view factor. The estimate for a tiny face beside a large one may exceed 1.
 _MAX_FACTOR = 1000.0
-# Rounding error of factors and shares that are 0.
+# Maximum rounding error of a view factor, or of a fraction of the surroundings, whose true value is 0.
 _ROUNDING = 1e-6
 
 
