@@ -78,53 +78,6 @@ def check_word(name: str, word: object, allowed: Sequence[str]) -> None:
         raise UsageError(f"{name}: {short_repr(word)}; allowed are {', '.join(allowed)}")
 
 
-def check_array(
-    name: str,
-    values: Any,
-    shape: tuple[int | None, ...],
-    allowed: tuple[float, float],
-    *,
-    may_lack: bool = False,
-    whole: bool = False,
-) -> Any:
-    """Return an array as float64, or int64 if `whole`. Raises UsageError that names the first wrong number.
-
-    name     : name of the argument
-    shape    : needed shape; None stands for any length
-    allowed  : smallest and largest number
-    may_lack : True if numbers may be NaN
-    whole    : True if the numbers must be integers
-    """
-    import numpy as np
-
-    if not is_numbers(values) or (whole and np.asarray(values).dtype.kind not in "iu"):
-        kind = "whole numbers" if whole else "numbers"
-        raise UsageError(f"{name}: {short_repr(values)} where an array of {kind} is needed")
-    found = np.asarray(values)
-    if len(found.shape) != len(shape) or any(
-        n not in (None, size) for n, size in zip(shape, found.shape, strict=True)
-    ):
-        needed = ", ".join("N" if n is None else str(n) for n in shape) + "," * (len(shape) == 1)
-        raise UsageError(
-            f"{name}: of shape {found.shape} where ({needed}) is needed",
-            "Give an array of this shape; the other arguments must fit it, too.",
-        )
-    found = found.astype(np.int64 if whole else np.float64, copy=False)
-    low, high = allowed
-    right = (found >= low) & (found <= high)
-    if may_lack:
-        right |= np.isnan(found)
-    if not right.all():
-        at = np.unravel_index(int(np.argmin(right)), found.shape)
-        position = ", ".join(map(str, map(int, at)))
-        numbers = "whole numbers" if whole else "NaN and numbers" if may_lack else "finite numbers"
-        raise UsageError(
-            f"{name}[{position}]: {found[at]:g} where {numbers} from {low:g} to {high:g} are allowed",
-            "Correct the number, or leave its row out.",
-        )
-    return found
-
-
 def checked(function: Function, namespace: Mapping[str, Any] | None = None) -> Function:
     """Return the function with checks of its arguments; for a class, check all public methods and return the class.
 
@@ -265,15 +218,58 @@ def real_array(
     try:
         found = np.asarray(value)
         shape = found.shape
+        if not is_numbers(found):
+            raise TypeError
         if fits(shape):
-            if found.dtype.kind in "mMcSU":
-                raise TypeError
             return np.asarray(found, np.float64)
     except MemoryError:
         raise UsageError(f"{name}: of shape {shape} does not fit into memory", "Divide it into parts.") from None
     except Exception:  # elements may raise any error
         raise UsageError(f"{name}: {short_repr(value)} where an array of numbers is needed") from None
     raise UsageError(f"{name}: of shape {shape} where {allowed} is needed")
+
+
+def check_array(
+    name: str,
+    values: Any,
+    shape: tuple[int | None, ...],
+    allowed: tuple[float, float],
+    *,
+    may_lack: bool = False,
+    whole: bool = False,
+) -> Any:
+    """Return an array as float64, or int64 if `whole`. Raises UsageError that names the first wrong number.
+
+    name     : name of the argument
+    shape    : needed shape; None stands for any length
+    allowed  : smallest and largest number
+    may_lack : True if numbers may be NaN
+    whole    : True if the numbers must be integers
+    """
+    import numpy as np
+
+    def fits(found: tuple[int, ...]) -> bool:
+        return len(found) == len(shape) and all(n in (None, size) for n, size in zip(shape, found, strict=True))
+
+    needed = ", ".join("N" if n is None else str(n) for n in shape) + "," * (len(shape) == 1)
+    found = real_array(name, values, f"({needed})", fits)
+    if whole:
+        if np.asarray(values).dtype.kind not in "iu":
+            raise UsageError(f"{name}: {short_repr(values)} where an array of whole numbers is needed")
+        found = np.asarray(values, np.int64)
+    low, high = allowed
+    right = (found >= low) & (found <= high)
+    if may_lack:
+        right |= np.isnan(found)
+    if not right.all():
+        at = np.unravel_index(int(np.argmin(right)), found.shape)
+        position = ", ".join(map(str, map(int, at)))
+        numbers = "whole numbers" if whole else "NaN and numbers" if may_lack else "finite numbers"
+        raise UsageError(
+            f"{name}[{position}]: {found[at]:g} where {numbers} from {low:g} to {high:g} are allowed",
+            "Correct the number, or leave its row out.",
+        )
+    return found
 
 
 def _wrong(name: str, value: object, needed: Sequence[str], failure: Exception | None = None) -> UsageError:
@@ -403,7 +399,7 @@ def is_numbers(value: Any) -> bool:
         try:
             value = np.asarray(value)
             if value.dtype.kind == "O":
-                if any(isinstance(each, str | bytes) or _is_time(each) for each in value.flat):
+                if any(each is None or isinstance(each, str | bytes) or _is_time(each) for each in value.flat):
                     return False
                 value = value.astype(np.float64)
         except Exception:  # elements may raise any error
