@@ -32,6 +32,7 @@ from glpath.io.models import (
     scene_of_model,
 )
 from glpath.io.other_files import refuse_other_file
+from glpath.io.polygons import limited_polygons
 from glpath.io.shipped.office import office, office_premesh
 from glpath.io.shipped.stacked import stacked
 from glpath.io.shipped.teapot import teapot
@@ -87,7 +88,7 @@ def load_scene(scene: AnyScene, parameters: Mapping[str, object] | None = None) 
     SceneWarning of triangles without area. `check_scene` checks if the scene shows anything.
     """
     surroundings, own = Surroundings.taken_from(parameters, SourceLocation("load_scene"))
-    with one_warning_per_cause():
+    with one_warning_per_cause(), limited_polygons():
         return _in_surroundings(scene, surroundings, own)
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from typing import Any
@@ -41,15 +42,48 @@ _NO_AREA = 1e-9
 _LEFT_OUT = 1e-3
 # Maximum number of corners of a polygon whose edges are tested for crossing each other.
 _MAX_COMPARED = 1 << 8
-# Maximum sum of squared numbers of corners of the polygons of a mesh that are tested so. They take a second.
+# Maximum sum of squared numbers of corners of the polygons that are tested so. They take a second.
 _MAX_COMPARISONS = 1 << 25
 # Maximum number of crossings of edges with bands in a polygon with holes; above it ear clipping is used.
 _MAX_CROSSED = 40_000
 # Maximum number of corners for ear clipping. Its time is quadratic at worst, and half a second for this many.
 _MAX_EAR_CORNERS = 1 << 14
 # Number of corners up to which ear clipping is fast. A larger polygon costs its squared number of corners, and
-# _CROSSING times that if it crosses itself. Maximum cost of a mesh, which takes 3 seconds; and of one step.
+# _CROSSING times that if it crosses itself. Maximum cost of all polygons, which takes 3 seconds; and of one step.
 _FAST_EAR_CORNERS, _CROSSING, _MAX_EAR_COST, _STEP_COST = 80, 16, 1 << 33, 1 << 29
+# Cost of each cut through a larger polygon with holes, and of each of its edges at each cut.
+_CUT_COST, _EDGE_COST = 100_000, 7
+
+
+@dataclass
+class _Work:
+    """Work on slow polygons. The units are squared numbers of corners.
+
+    cost        : work done so far
+    comparisons : work that is left for tests if edges cross
+    """
+
+    cost: int = 0
+    comparisons: int = _MAX_COMPARISONS
+
+    def add(self, cost: int, what: str) -> None:
+        """Add to the cost. Raises ValueError, which names the polygons, if the sum is too large."""
+        self.cost += cost
+        if self.cost > _MAX_EAR_COST:
+            raise ValueError(f"{what} take too long to split, so save them as triangles")
+
+
+_work: ContextVar[_Work | None] = ContextVar("work", default=None)
+
+
+@contextmanager
+def limited_polygons() -> Iterator[None]:
+    """Context in which all polygons together may take the time that otherwise each mesh may take."""
+    token = _work.set(_work.get() or _Work())
+    try:
+        yield
+    finally:
+        _work.reset(token)
 
 
 @dataclass(frozen=True)
@@ -90,7 +124,7 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
         return Split(np.arange(3 * len(sizes)).reshape(-1, 3), np.arange(len(sizes)))
     first = np.cumsum(sizes) - sizes
     triangles, polygons, crossing = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)], 0
-    cost, comparisons = 0, _MAX_COMPARISONS
+    work = _work.get() or _Work()
     for size in np.unique(sizes[sizes >= 3]).tolist():
         check_time()
         chosen = np.flatnonzero(sizes == size)
@@ -111,16 +145,13 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
             step = max(1, _STEP_COST // size**2)
             for part in (others[at : at + step] for at in range(0, len(others), step)):
                 check_time()
-                ears, of, ears_cross = _ears_of_rings(rings[part], comparisons // size**2)
-                comparisons = max(0, comparisons - len(part) * size**2)
+                ears, of, ears_cross = _ears_of_rings(rings[part], work.comparisons // size**2)
+                work.comparisons = max(0, work.comparisons - len(part) * size**2)
                 number_crossing = int(np.count_nonzero(ears_cross))
                 crossing += number_crossing
-                cost += size**2 * (len(part) + (_CROSSING - 1) * number_crossing) * (size > _FAST_EAR_CORNERS)
-                if cost > _MAX_EAR_COST:
-                    raise ValueError(
-                        f"its polygons of up to {size:,} corners take too long to split, above all those that "
-                        "cross themselves, so save them as triangles"
-                    )
+                if size > _FAST_EAR_CORNERS:
+                    cost = size**2 * (len(part) + (_CROSSING - 1) * number_crossing)
+                    work.add(cost, f"polygons of up to {size:,} corners, above all those that cross themselves,")
                 triangles.append(starts[part][of, None] + ears)
                 polygons.append(chosen[part][of])
             local, starts, chosen = (np.delete(each, others, axis=0) for each in (local, starts, chosen))
@@ -349,6 +380,9 @@ def triangulated(boundary: Float64, holes: Sequence[Float64] = ()) -> tuple[Floa
         vertices, points = np.concatenate([boundary, *holes]), np.concatenate(rings)
         (faces,) = _ears_of_each(points[None], [len(ring) for ring in rings])
         covered = 0.5 * float(np.abs(_doubled_areas(points[faces])).sum())
+        is_crossed = abs(wanted - covered) > _LEFT_OUT * size
+        cost = len(points) ** 2 * (_CROSSING if is_crossed else 1)
+        (_work.get() or _Work()).add(cost, f"polygons with holes, of up to {len(points):,} corners,")
         return vertices, faces.astype(np.int32), wanted - covered
     flat, numbers = _faces(corners)
     missing = wanted - 0.5 * float(_doubled_areas(flat[numbers]).sum())
@@ -390,6 +424,9 @@ def _trapezoids(rings: Sequence[Float64]) -> Float64 | None:
     crossed = np.abs(np.searchsorted(levels, starts[:, 1]) - np.searchsorted(levels, ends[:, 1]))
     if crossed.sum() > _MAX_CROSSED:
         return None
+    if len(starts) > _FAST_EAR_CORNERS:
+        cost = len(levels) * (_CUT_COST + _EDGE_COST * len(starts))
+        (_work.get() or _Work()).add(cost, f"polygons with holes, of up to {len(starts):,} corners,")
     found = []
     for low, high in pairwise(levels):
         middle = 0.5 * (low + high)
