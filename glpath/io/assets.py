@@ -110,7 +110,7 @@ class Assets:
                     text = f"{location}: its punctual lights do not move; they stay where they are at shutter open."
                     warn(text)
             for light in model.lights:
-                placed = _placed_light(light, world, f"{name}/{light.name}")
+                placed = _placed_light(light, world, f"{name}/{light.name}", location)
                 self.lights.append(replace(placed, intensity=factor * light.intensity))
 
     def _model(self, given: Asset, location: SourceLocation) -> _Read:
@@ -223,11 +223,25 @@ def _product(a: Float64, b: Float64) -> Float64:
     return np.asarray(a[:3] @ _square(b))
 
 
-def _placed_light(light: Light, world: Float64, name: str) -> Light:
-    direction = world[:3, :3] @ light.direction
-    return replace(
-        light,
-        name=name,
-        position=world[:3, :3] @ light.position + world[:3, 3],
-        direction=direction / np.linalg.norm(direction),
-    )
+def _placed_light(light: Light, world: Float64, name: str, location: SourceLocation) -> Light:
+    """Return the light in world space, with its profile turned or mirrored. Raises SceneError if it has no direction.
+
+    world    : (4, 4) matrix from model space to the scene
+    location : location of the asset
+    """
+    linear = world[:3, :3]
+    direction = linear @ light.direction
+    direction = direction / np.linalg.norm(direction)
+    placed = replace(light, name=name, position=linear @ light.position + world[:3, 3], direction=direction)
+    if light.profile is None:
+        return placed
+    c0 = linear @ light.c0
+    length = np.linalg.norm(c0)
+    c0 = c0 - (c0 @ direction) * direction  # perpendicular to `direction` even if the asset is sheared
+    if not np.linalg.norm(c0) > 1e-9 * length:
+        raise location.field("transform").error(
+            f"flattens the profile of the light {shown(light.name)}, which needs two directions.",
+            "Check its scale, or set lights = false.",
+        )
+    profile = light.profile.mirrored if transform.mirrors(world) else light.profile
+    return replace(placed, c0=c0 / np.linalg.norm(c0), profile=profile)
