@@ -237,7 +237,8 @@ class Surfaces:
                         else self._share(found, name, default)
                     )
                 for name, target in layer.numbers.items():
-                    fields[target] = found.number(name, getattr(_PLAIN, target), 0.0)
+                    low = 1.0 if target == "iridescence_ior" else 0.0
+                    fields[target] = found.number(name, getattr(_PLAIN, target), low)
                 if np.any(fields[layer.strength]):
                     for name, into in layer.textures.items():
                         fields[into.field] = self._slot(found, name, srgb=into.srgb)

@@ -263,6 +263,13 @@ def test_an_index_of_zero_leaves_the_reflection_to_its_colour(tmp_path: Path) ->
     np.testing.assert_allclose(0.04 * material.specular_colour, [0.5, 1, 0])
 
 
+@pytest.mark.parametrize("index", [0, 0.4])
+def test_a_film_has_an_index_of_at_least_1(index: float, tmp_path: Path) -> None:
+    film = {"iridescenceFactor": 1, "iridescenceIor": index}
+    with pytest.raises(SceneError, match=rf"iridescenceIor is {index:g}, but must be a number, at least 1"):
+        the_material(tmp_path, extensions={"KHR_materials_iridescence": film})
+
+
 def test_unlit_shows_its_colour_as_emission(tmp_path: Path) -> None:
     file = Gltf()
     texture = {"index": file.texture(FOUR)}
