@@ -83,6 +83,7 @@ class Assets:
         world = transform.world_from_shape(given.transform, location.field("transform"))
         if not isinstance(given.up, UnsetType):
             world[:3, :3] = world[:3, :3] @ upright_from_world(axis_vector(given.up))
+        is_flat = np.isfinite(world).all() and transform.flattens(world)
         replaced = self._replaced(given, read, location.field("materials"))
         moved = motion_of(given.motion, world[None, :3], location.field("motion"))
         began = 0.0 if isinstance(given.time, UnsetType) else given.time
@@ -101,6 +102,10 @@ class Assets:
                 # Emission is part of the replaced material, so the shape no longer emits.
                 material, emission = replaced[shape.material], np.zeros(3)
             here = self._placed(shape, world, self.materials[material].needs_uv, location)
+            if is_flat:
+                assert isinstance(here.geometry, Mesh)
+                mesh = tessellate.with_area(here.geometry, here.world_from_object[0], f"{name}/{shape.name}", location)
+                here = replace(here, geometry=mesh)
             here = self._moving(here, shape.motion, world, moved, began)
             self.shapes.append(replace(here, name=f"{name}/{shape.name}", material=material, emission=emission))
         if given.lights:

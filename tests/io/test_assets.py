@@ -178,6 +178,14 @@ WRONG = {
         "assets[1].time is for animations of glTF files, but the file is box.obj",
     ),
     "far": ('file = "box.obj"\ntransform = [{ scale = 1e15 }, { scale = 9 }]', "assets[1] reaches beyond 1e+15"),
+    "flat": (
+        'file = "box.gltf"\ntransform = [{ scale = 1e-200 }, { scale = 1e-200 }]',
+        "assets[1].transform flattens the shape: its steps together stretch by [0, 0, 0]",
+    ),
+    "line": (
+        'file = "box.obj"\ntransform = [{ scale = [1, 3e-8, 2e-15] }]',
+        'assets[1] ("Paint") has 6 triangles, none of which has an area.',
+    ),
     "step": ('file = "box.obj"\ntransform = [{}]', "assets[1].transform[0] has nothing, but a step is one of"),
     "field": ('file = "box.obj"\nmaterial = "red"', "assets[1].material is not a field of"),
     "empty": ('file = "empty.gltf"', "assets[1].file names {folder}/empty.gltf, which has no triangles."),

@@ -20,6 +20,7 @@ position = [0, 0, 5]
 target = [0, 0, 0]
 """
 SPHERE = HEAD + '[[shapes]]\ntype = "sphere"\nradius = 1\nsubdivisions = 0\n'
+PLANE = 'type = "plane"\npoint = [0, 0, 0]\nnormal = [0, 1, 0]\n'
 QUAD = "corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]\n"
 
 
@@ -178,6 +179,18 @@ WRONG: dict[str, tuple[str, list[str]]] = {
         ["shapes[0].transform[0].matrix[3] is [5, 0, 0, 1]", "[0, 0, 0, 1]", "last column"],
     ),
     "scale zero": (SPHERE + "transform = [{ scale = [1, 0, 1] }]", ["transform[0].scale is [1, 0, 1]", "flatten"]),
+    "scales whose product is zero": (
+        shape(PLANE + "transform = [{ scale = 1e-200 }, { scale = 1e-200 }]"),
+        ["shapes[1].transform flattens the shape", "stretch by [0, 0, 0]", "above 1e-30"],
+    ),
+    "steps whose product is flat": (
+        shape(PLANE + "transform = [{ scale = [1e-9, 1, 1] }, { scale = [1e-9, 1, 1] }]"),
+        ["shapes[1].transform flattens the shape", "above 1e-15 of the largest"],
+    ),
+    "a motion to nothing": (
+        SPHERE + "motion = [{ time = 0 }, { time = 1, transform = [{ scale = 1e-20 }, { scale = 1e-20 }] }]",
+        ["shapes[0].motion[1].transform flattens the shape"],
+    ),
     "rotation about nothing": (
         SPHERE + "transform = [{ scale = 2 }, { rotate = { axis = [0, 0, 0], angle = 30 } }]",
         ["shapes[0].transform[1].rotate.axis is [0, 0, 0]", "any length but zero"],
