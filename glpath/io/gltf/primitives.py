@@ -66,6 +66,7 @@ class Primitives:
     strokes: bool = False
     radii: list[float] = field(default_factory=list)
     _made: dict[tuple[object, ...], Mesh | None] = field(default_factory=dict)
+    _texts: dict[int, str] = field(default_factory=dict)
     _stroke_triangles: int = 0
 
     def mesh(self, primitive: Table, morph: Float64, uv_sets: frozenset[int]) -> Mesh | None:
@@ -76,14 +77,20 @@ class Primitives:
         morph   : (M,) weights of its morph targets
         uv_sets : texture coordinate sets that its material needs; missing ones are filled with zeros
         """
-        # The key is the primitive's content without its material, because primitives of several materials often
-        # share arrays.
-        says = {name: value for name, value in primitive.values.items() if name not in ("material", "extras")}
-        key = (repr(says), np.trim_zeros(morph, "b").tobytes(), uv_sets)
+        morph = morph[: len(primitive.tables("targets"))]
+        key = (self._text(primitive), np.trim_zeros(morph, "b").tobytes(), uv_sets)
         if key not in self._made:
             attributes = self._attributes(primitive, morph)
             self._made[key] = None if attributes is None else self._mesh(primitive, attributes, uv_sets)
         return self._made[key]
+
+    def _text(self, primitive: Table) -> str:
+        """Return the primitive's content without its material, because primitives often share arrays."""
+        number = id(primitive.values)  # the document keeps the object, so that its number stays unique
+        if number not in self._texts:
+            says = {name: value for name, value in primitive.values.items() if name not in ("material", "extras")}
+            self._texts[number] = repr(says)
+        return self._texts[number]
 
     def skinned(self, primitive: Table, morph: Float64, uv_sets: frozenset[int], skin: Skin) -> Mesh | None:
         """Return a primitive as a morphed and skinned mesh, its vertices in world space; None as for `mesh`."""
