@@ -70,9 +70,11 @@ def read_image(document: Document, table: Table) -> NDArray[Any]:
     if kind == "KTX2":
         return compression.ktx2(data, table.location)
     try:
-        return _pixels(data, kind)
+        pixels = _pixels(data, kind)
     except Exception as error:  # Pillow's decoders raise all kinds of exceptions
         raise _broken(table.location, error) from error
+    document.take(max(0, pixels.nbytes - 4 * width * height), table.location)
+    return pixels
 
 
 def _stored(document: Document, table: Table) -> bytes:
