@@ -14,8 +14,9 @@ from glpath.errors import encodable, warn
 from glpath.film.units import Unit, conversion
 from glpath.io import transform
 from glpath.io.description import Asset
-from glpath.io.gltf import Model
+from glpath.io.gltf import Model, limits
 from glpath.io.gltf.document import SUFFIXES as GLTF_FORMATS
+from glpath.io.gltf.load import OpenFile
 from glpath.io.models import FORMATS, read_model
 from glpath.io.motion import motion_of
 from glpath.io.up_axis import axis_vector
@@ -64,6 +65,10 @@ class Assets:
     lights: list[Light] = field(default_factory=list)
     _read: dict[tuple[Path, float | None], _Read] = field(default_factory=dict)
     _reported: set[str] = field(default_factory=set)
+    _repeated: set[Path] = field(default_factory=set)  # files that are shown at several times
+    _open_files: dict[Path, OpenFile] = field(default_factory=dict)
+    _decoded: int = 0  # bytes of all glTF files together
+    _stored: dict[Path, int] = field(default_factory=dict)  # bytes of each glTF file
     _meshes: dict[tuple[Mesh, bool, bool], Mesh] = field(default_factory=dict)
 
     def add(self, given: Sequence[Asset], location: SourceLocation) -> None:
@@ -73,8 +78,13 @@ class Assets:
 
         Raises SceneError. Warns once per file of each kind of unused content.
         """
+        times: dict[Path, set[object]] = {}
+        for asset in given:
+            times.setdefault(self.folder / asset.file, set()).add(asset.time)
+        self._repeated = {path for path, of_file in times.items() if len(of_file) > 1}
         for index, asset in enumerate(given):
             self._add(asset, location.item(index))
+        self._open_files.clear()
 
     def _add(self, given: Asset, location: SourceLocation) -> None:
         read = self._model(given, location)
@@ -134,7 +144,9 @@ class Assets:
             raise here.error(f"names {path}, which {absence_of(path)}.", nearby_files("Models", path, FORMATS))
         if (path, time) not in self._read:
             opened, closed = self.shutter
-            model = read_model(path, here, None if time is None else time + opened, closed - opened)
+            began = None if time is None else time + opened
+            model = read_model(path, here, began, closed - opened, self._open_files)
+            self._count_decoded(path, here)
             if not model.shapes:
                 raise here.error(f"names {path}, which has no triangles.", "Export the file with its meshes.")
             lost = ("The environment, because a scene has its own sky.",) if model.sky is not None else ()
@@ -150,6 +162,24 @@ class Assets:
                 self.materials.append(replace(moved, name=f"{encodable(path.stem)}/{material.name}"))
             self.textures += model.textures
         return self._read[path, time]
+
+    def _count_decoded(self, path: Path, location: SourceLocation) -> None:
+        """Count what was decoded of a glTF file. Raises SceneError if the sum of all files exceeds the limit."""
+        if path not in self._open_files:
+            return
+        document = self._open_files[path].document
+        self._decoded += document.decoded
+        self._stored[path] = document.stored
+        stored = sum(self._stored.values())
+        allowed = max(2 * limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO * stored)
+        if self._decoded > allowed:
+            raise location.error(
+                f"brings the models of the scene to {self._decoded:,} bytes of memory, but files of {stored:,} bytes "
+                f"may unfold to {allowed:,}.",
+                "Name fewer files, or show a file at fewer times.",
+            )
+        if path not in self._repeated:
+            del self._open_files[path]
 
     def _moving(
         self, shape: Shape, own: Motion | None, world: Float64, moved: Motion | None, began: float

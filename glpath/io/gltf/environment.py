@@ -64,7 +64,7 @@ def _faces(document: Document, light: Table) -> NDArray[np.float32]:
     numbers = Table({"faces": levels[0]}, location.item(0)).indices("faces", images, "images")
     if len(numbers) != 6:
         raise location.item(0).error(f"has {len(numbers)} images, but a cube has 6 faces.", "Export the file anew.")
-    pictures = {number: read_image(document, images[number]) for number in dict.fromkeys(numbers)}
+    pictures = {number: read_image(document, number) for number in numbers}
     sizes = {picture.shape[:2] for picture in pictures.values()}
     height, width = next(iter(sizes))
     if len(sizes) > 1 or height != width:

@@ -103,6 +103,7 @@ def read_gltf(
     light_factor: float = 1.0,
     unit: Unit = "photometric",
     backs: Literal["absent", "black"] = "absent",
+    open_files: dict[Path, OpenFile] | None = None,
 ) -> Model:
     """Read a .gltf or .glb.
 
@@ -118,6 +119,8 @@ def read_gltf(
                    as written by programs that have light in watts
     backs        : backs of materials that are not doubleSided: "absent", as in viewers, or "black", so that walls
                    block light from both sides
+    open_files   : open files by path, to which the file is added. A file that is there is not decoded again, and
+                   each read has its own limit of decoded bytes
 
     Raises SceneError for a file that is missing, broken or hostile, or requires an unknown extension. Raises
     UsageError for a camera, animation or variant that the file lacks, and for numbers that are not finite.
@@ -125,8 +128,11 @@ def read_gltf(
     path = Path(path)
     if not (np.isfinite(light_factor) and light_factor >= 0):
         raise UsageError(f"light_factor is {light_factor}; must be a finite number, at least 0.")
-    document = read_document(path)
-    accessors = Accessors(document)
+    opened = OpenFile.of(path) if open_files is None else open_files.get(path) or OpenFile.of(path)
+    if open_files is not None:
+        open_files[path] = opened
+    document, accessors = opened.document, opened.accessors
+    document.decoded = 0
     running = chosen_animations(document, animation)
     if animation is None and time is not None and len(document.all("animations")) > 1:
         first = animation_names(document)[0]
@@ -141,15 +147,15 @@ def read_gltf(
         every = [poses_at(document, accessors, float(t), running) for t in times]
         path_of = NodePaths(times, np.stack([Nodes.of(document, each).world for each in every]), every)
     look = chosen_variant(document, variant)
-    made = _Shapes(document, accessors, nodes, poses, surfaces, path_of, look)
+    made = _Shapes(opened, nodes, poses, surfaces, path_of, look)
     written = nodes.tables.values
     views = [_camera(document, nodes, i, path_of) for i in nodes.drawn if "camera" in written[i]]
     cameras = tuple(each for each in views if each is not None)
     eyes = [camera.position for camera in cameras] if backs == "absent" and not made.backs_were_black else None
     shapes = made.all(eyes)
     if not shapes:  # points and lines are drawn only in models without triangles
-        made = _Shapes(document, accessors, nodes, poses, surfaces, path_of, look)
-        made.primitives.strokes = True
+        with_strokes = replace(opened, primitives=Primitives(accessors, strokes=True))
+        made = _Shapes(with_strokes, nodes, poses, surfaces, path_of, look)
         shapes = made.all(eyes)
         if shapes:
             radii = f"{min(made.primitives.radii):.3g}", f"{max(made.primitives.radii):.3g}"
@@ -190,6 +196,21 @@ def read_gltf(
         unit=unit,
         sky=environment_of(document),
     )
+
+
+@dataclass
+class OpenFile:
+    """Document and what is decoded of it, for reads of one file at several animation times."""
+
+    document: Document
+    accessors: Accessors
+    primitives: Primitives
+
+    @classmethod
+    def of(cls, path: Path) -> OpenFile:
+        document = read_document(path)
+        accessors = Accessors(document)
+        return cls(document, accessors, Primitives(accessors))
 
 
 @dataclass(frozen=True)
@@ -284,8 +305,7 @@ class _Part:
 class _Shapes:
     def __init__(
         self,
-        document: Document,
-        accessors: Accessors,
+        opened: OpenFile,
         nodes: Nodes,
         poses: dict[int, dict[str, Float64]],
         surfaces: Surfaces,
@@ -293,10 +313,10 @@ class _Shapes:
         variant: int | None = None,
     ) -> None:
         self.paths, self.variant = paths, variant
-        self.document, self.accessors, self.nodes = document, accessors, nodes
+        self.document, self.accessors, self.nodes = opened.document, opened.accessors, nodes
         self.poses: dict[int, dict[str, Float64]] = poses
         self.surfaces = surfaces
-        self.primitives = Primitives(accessors)
+        self.primitives = opened.primitives
         self.skins: dict[int, Skin] = {}
         self.joints_move: dict[int, bool] = {}  # by skin index
         self.solid: dict[tuple[Mesh, ...], bool] = {}

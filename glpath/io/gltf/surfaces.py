@@ -68,7 +68,7 @@ class Surfaces:
     textures: list[Texture] = field(default_factory=list)
     _numbers: dict[int | None, int] = field(default_factory=dict)
     _texture_numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
-    _images: dict[int, NDArray[Any]] = field(default_factory=dict)
+
     _names: set[str] = field(default_factory=set)
 
     def number(self, index: int | None) -> int:
@@ -178,7 +178,7 @@ class Surfaces:
             return None
         key = ("glossiness", first.source, second.source, *diffuse, *specular, gloss, "diffuseTexture" in glossy)
         if key not in self._texture_numbers:
-            pictures = [self._image(source) for source in (first.source, second.source)]
+            pictures = [read_image(self.document, source) for source in (first.source, second.source)]
             height, width = (max(each.shape[axis] for each in pictures) for axis in (0, 1))
             self.document.take(16 * height * width, glossy.location)
             strips = []
@@ -341,7 +341,8 @@ class Surfaces:
         """Return the index in `textures` of a texture in a given colour space."""
         key = (found.source, found.wrap, found.filter, srgb)
         if key not in self._texture_numbers:
-            image, table = self._image(found.source), self.document.all("images")[found.source]
+            table = self.document.all("images")[found.source]
+            image = read_image(self.document, found.source)
             if image.dtype == np.uint16:
                 self.document.take(4 * image.size, table.location)
                 levels = np.arange(65536) / 65535
@@ -351,11 +352,6 @@ class Surfaces:
             self._texture_numbers[key] = len(self.textures) - 1
         return self._texture_numbers[key]
 
-    def _image(self, source: int) -> NDArray[Any]:
-        """Return the stored pixels of an image, (h, w, 3) or (h, w, 4)."""
-        if source not in self._images:
-            self._images[source] = read_image(self.document, self.document.all("images")[source])
-        return self._images[source]
 
 
     def _source(self, table: Table) -> int:
