@@ -597,6 +597,17 @@ def test_what_is_nested_too_deep_is_an_error_with_a_place(
         load_scene(file)
 
 
+def test_keys_have_at_most_16_parts(tmp_path: Path) -> None:
+    """tomllib takes time quadratic in the parts of a header and of the keys below it."""
+    file = tmp_path / "keys.toml"
+    for parts, message in ((16, "a is not a field of a scene file"), (17, "a key of more than 16 parts")):
+        key = ".".join("a" * parts)
+        for text in (f"{key} = 1\n{BASE}", f"{BASE}[{key}]\n", f"x = {{ {key} = 1 }}\n{BASE}"):
+            file.write_text(text)
+            with pytest.raises(SceneError, match=message.replace("a is", "[ax] is")):
+                load_scene(file)
+
+
 def test_a_dictionary_that_is_nested_too_deep_is_an_error() -> None:
     deep: list[object] = []
     for _ in range(5000):
