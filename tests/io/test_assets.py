@@ -18,7 +18,10 @@ from glpath.errors import SceneError, SceneWarning
 from glpath.io import scene_schema
 from glpath.io.completed import aside
 from glpath.io.description import scene_schema as described
+from glpath.io.gltf import read_gltf
+from glpath.io.gltf.load import OpenFile
 from glpath.scene import Scene
+from tests.support.gltf_files import Gltf
 from tests.support.lit_models import CAMERA_AND_LIGHT
 from tests.support.models import gltf, obj
 
@@ -155,6 +158,39 @@ def test_an_asset_is_shown_at_a_time(tmp_path: Path) -> None:
         warnings.simplefilter("ignore", SceneWarning)
         moved = load_scene(path, {"time": 0.5})
     assert np.array_equal(moved.triangles, scene.triangles[12:])
+
+
+def test_a_file_at_several_times_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from glpath.io.gltf import images
+
+    calls = []
+    read = images._read_image
+    monkeypatch.setattr(images, "_read_image", lambda *given: calls.append(given) or read(*given))
+    file = Gltf()
+    texture = {"index": file.texture(np.full((2, 2, 3), 9))}
+    file.one_triangle(doubleSided=True, pbrMetallicRoughness={"baseColorTexture": texture})
+    sampler = {"input": file.accessor([0.0, 9.0]), "output": file.accessor([[0, 0, 0], [9, 0, 0]])}
+    file.add("animations", samplers=[sampler], channels=[{"sampler": 0, "target": {"node": 0, "path": "translation"}}])
+    file.write(tmp_path)
+    scene = scene_with(tmp_path, *(f'file = "model.gltf"\ntime = {time}' for time in (1, 2, 4)))
+    assert scene.triangles[:, 0, 0].tolist() == [1, 2, 4]
+    assert len(calls) == len(scene.shapes.meshes) == 1
+
+
+def test_decoded_bytes_are_summed_over_the_files_of_a_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = [f"{i}.gltf" for i in range(5)]
+    for name in names:
+        gltf(tmp_path / name)
+    open_files: dict[Path, OpenFile] = {}
+    read_gltf(tmp_path / names[0], open_files=open_files)
+    each = open_files[tmp_path / names[0]].document.decoded
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_DECODED_RATIO", 0)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DECODED_BYTES", 2 * each)
+    scene_with(tmp_path, *(f'file = "{name}"' for name in [*names[:4], *names[:4]]))
+    with pytest.raises(SceneError, match=rf"assets\[4\]\.file brings the models of the scene to {5 * each:,} bytes"):
+        scene_with(tmp_path, *(f'file = "{name}"' for name in names))
 
 
 WRONG = {

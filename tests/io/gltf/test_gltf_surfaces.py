@@ -233,6 +233,23 @@ def test_textures_of_specular_glossiness_become_metal_and_roughness(tmp_path: Pa
     assert not any("Texture:" in note for note in model.notes)
 
 
+def test_specular_glossiness_is_converted_alike_in_strips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    found = []
+    diffuse, shiny = rng.integers(0, 256, (7, 5, 3)), rng.integers(0, 256, (11, 3, 4))
+    for pixels in (10**6, 10):
+        monkeypatch.setattr("glpath.io.gltf.surfaces._STRIP_PIXELS", pixels)
+        file = Gltf()
+        table = {
+            "diffuseTexture": {"index": file.texture(diffuse)},
+            "specularGlossinessTexture": {"index": file.texture(shiny)},
+        }
+        file.one_triangle(**extended("KHR_materials_pbrSpecularGlossiness", **table))
+        found.append([texture.image for texture in read(file, tmp_path).textures])
+    assert [image.shape for image in found[0]] == [(11, 5, 3)] * 2
+    np.testing.assert_array_equal(found[0], found[1])
+
+
 def test_a_mixture_has_the_brightness_of_both_its_colours() -> None:
     """What the converted model reflects at normal incidence is as bright as what the older one says."""
     rng = np.random.default_rng(3)
