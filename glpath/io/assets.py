@@ -114,7 +114,8 @@ class Assets:
             here = self._placed(shape, world, self.materials[material].needs_uv, location)
             if is_flat:
                 assert isinstance(here.geometry, Mesh)
-                mesh = tessellate.with_area(here.geometry, here.world_from_object[0], f"{name}/{shape.name}", location)
+                full_name = f"{name}/{shape.name}"
+                mesh = tessellate.with_area(here.geometry, here.world_from_object[0], full_name, location)
                 here = replace(here, geometry=mesh)
             here = self._moving(here, shape.motion, world, moved, began)
             self.shapes.append(replace(here, name=f"{name}/{shape.name}", material=material, emission=emission))
@@ -174,8 +175,8 @@ class Assets:
         allowed = max(2 * limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO * stored)
         if self._decoded > allowed:
             raise location.error(
-                f"brings the models of the scene to {self._decoded:,} bytes of memory, but files of {stored:,} bytes "
-                f"may unfold to {allowed:,}.",
+                f"brings the models of the scene to {self._decoded:,} bytes of memory, but files of {stored:,} "
+                f"bytes may unfold to {allowed:,}.",
                 "Name fewer files, or show a file at fewer times.",
             )
         if path not in self._repeated:
@@ -259,24 +260,25 @@ def _product(a: Float64, b: Float64) -> Float64:
 
 
 def _placed_light(light: Light, world: Float64, name: str, location: SourceLocation) -> Light:
-    """Return the light in world space, with its profile turned or mirrored. Raises SceneError if it has no direction.
+    """Return the light in world space, with its profile turned or mirrored. Raises SceneError if that is flattened.
 
     world    : (4, 4) matrix from model space to the scene
     location : location of the asset
     """
     linear = world[:3, :3]
+    position = linear @ light.position + world[:3, 3]
     direction = linear @ light.direction
     direction = direction / np.linalg.norm(direction)
-    placed = replace(light, name=name, position=linear @ light.position + world[:3, 3], direction=direction)
-    if light.profile is None:
-        return placed
-    c0 = linear @ light.c0
-    length = np.linalg.norm(c0)
-    c0 = c0 - (c0 @ direction) * direction  # perpendicular to `direction` even if the asset is sheared
-    if not np.linalg.norm(c0) > 1e-9 * length:
-        raise location.field("transform").error(
-            f"flattens the profile of the light {shown(light.name)}, which needs two directions.",
-            "Check its scale, or set lights = false.",
-        )
-    profile = light.profile.mirrored if transform.mirrors(world) else light.profile
-    return replace(placed, c0=c0 / np.linalg.norm(c0), profile=profile)
+    c0, profile = light.c0, light.profile
+    if light.profile is not None:
+        c0 = linear @ light.c0
+        length = np.linalg.norm(c0)
+        c0 = c0 - (c0 @ direction) * direction  # perpendicular to `direction` even if the asset is sheared
+        if not np.linalg.norm(c0) > 1e-9 * length:
+            raise location.field("transform").error(
+                f"flattens the profile of the light {shown(light.name)}, which needs two directions.",
+                "Check its scale, or set lights = false.",
+            )
+        c0 = c0 / np.linalg.norm(c0)
+        profile = light.profile.mirrored if transform.mirrors(world) else profile
+    return replace(light, name=name, position=position, direction=direction, c0=c0, profile=profile)

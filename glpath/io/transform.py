@@ -27,8 +27,8 @@ def world_from_shape(steps: Sequence[Step], location: SourceLocation) -> Float64
 
     location : location of the list of steps
 
-    Raises SceneError for a step that is none or several of the allowed kinds, a zero axis, or a singular matrix, and
-    for steps whose product is singular.
+    Raises SceneError for a step that is none or several of the allowed kinds, for a zero axis, and for a singular
+    matrix or product.
     """
     matrix = np.identity(4)
     for index, step in enumerate(steps):
@@ -38,7 +38,7 @@ def world_from_shape(steps: Sequence[Step], location: SourceLocation) -> Float64
         if not stretch[2] > max(_FLATTEST * stretch[0], _SMALLEST_STRETCH):
             raise location.error(
                 f"flattens the shape: its steps together stretch by {shown(stretch)} along their own axes.",
-                f"Each must be above {_SMALLEST_STRETCH:g}, and above {_FLATTEST:g} of the largest: check its scales.",
+                f"Each must be above {_SMALLEST_STRETCH:g} and above {_FLATTEST:g} of the largest. Check its scales.",
             )
     return matrix
 

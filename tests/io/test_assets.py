@@ -170,7 +170,8 @@ def test_a_file_at_several_times_is_decoded_once(tmp_path: Path, monkeypatch: py
     texture = {"index": file.texture(np.full((2, 2, 3), 9))}
     file.one_triangle(doubleSided=True, pbrMetallicRoughness={"baseColorTexture": texture})
     sampler = {"input": file.accessor([0.0, 9.0]), "output": file.accessor([[0, 0, 0], [9, 0, 0]])}
-    file.add("animations", samplers=[sampler], channels=[{"sampler": 0, "target": {"node": 0, "path": "translation"}}])
+    channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    file.add("animations", samplers=[sampler], channels=[channel])
     file.write(tmp_path)
     scene = scene_with(tmp_path, *(f'file = "model.gltf"\ntime = {time}' for time in (1, 2, 4)))
     assert scene.triangles[:, 0, 0].tolist() == [1, 2, 4]
@@ -189,7 +190,7 @@ def test_decoded_bytes_are_summed_over_the_files_of_a_scene(
     monkeypatch.setattr("glpath.io.gltf.limits.MAX_DECODED_RATIO", 0)
     monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DECODED_BYTES", 2 * each)
     scene_with(tmp_path, *(f'file = "{name}"' for name in [*names[:4], *names[:4]]))
-    with pytest.raises(SceneError, match=rf"assets\[4\]\.file brings the models of the scene to {5 * each:,} bytes"):
+    with pytest.raises(SceneError, match=rf"assets\[4\]\.file brings the models .* to {5 * each:,} bytes"):
         scene_with(tmp_path, *(f'file = "{name}"' for name in names))
 
 

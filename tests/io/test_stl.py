@@ -130,14 +130,15 @@ def test_a_wrong_number_in_a_long_file_is_found_by_bisection(
     suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     count = 3000
-    vertices = "".join(f"{i} 0 {i % 2}\n" for i in range(count - 1)) + "0 0 1_0\n"
+    rows = [*(f"{i} 0 {i % 2}" for i in range(count - 1)), "0 0 1_0"]
+    vertices = "\n".join(rows) + "\n"
     ply = f"ply\nformat ascii 1.0\nelement vertex {count}\n" + "".join(f"property float {axis}\n" for axis in "xyz")
     text, line = {
-        "stl": ("solid a\nfacet normal 0 0 1\nouter loop\n" + "".join(f"vertex {v}\n" for v in vertices.splitlines()), count + 3),
+        "stl": ("solid a\nfacet\nouter loop\n" + "".join(f"vertex {v}\n" for v in rows), count + 3),
         "ply": (f"{ply}element face 0\nproperty list uchar int vertex_indices\nend_header\n{vertices}", count + 9),
-        "obj": ("".join(f"v {v}\n" for v in vertices.splitlines()) + "f 1 2 3\n", count),
+        "obj": ("".join(f"v {v}\n" for v in rows) + "f 1 2 3\n", count),
         "off": (f"OFF\n{count} 1 0\n{vertices}3 0 1 2\n", count + 2),
-    }[suffix]  # fmt: skip
+    }[suffix]
     calls = []
     parse = text_module._parse_piece
     monkeypatch.setattr(text_module, "_parse_piece", lambda words: calls.append(words) or parse(words))

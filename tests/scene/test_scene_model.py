@@ -408,7 +408,8 @@ PROFILE = LightProfile(np.arange(6.0).reshape(2, 3))
 
 
 def test_a_light_has_perpendicular_unit_vectors() -> None:
-    lamp = Light("lamp", "point", np.ones(3), direction=np.array([0, 0, -5.0]), profile=PROFILE, c0=np.array([0, 3.0, 4]))
+    long, slanting = np.array([0, 0, -5.0]), np.array([0, 3.0, 4])
+    lamp = Light("lamp", "point", np.ones(3), direction=long, profile=PROFILE, c0=slanting)
     np.testing.assert_allclose([lamp.direction, lamp.c0], [[0, 0, -1], [0, 1, 0]], atol=1e-15)
     sun = Light("sun", "directional", np.ones(3), direction=np.array([3.0, 0, -4]))
     np.testing.assert_allclose(sun.direction, [0.6, 0, -0.8], atol=1e-15)

@@ -123,7 +123,7 @@ def ktx2(data: bytes, location: SourceLocation) -> NDArray[np.uint8]:
 
 
 def _check_ktx2(data: bytes) -> None:
-    """Raise ValueError if the header of a KTX 2 texture has more than an image of Basis Universal, or more bytes."""
+    """Raise ValueError if the header of a KTX 2 texture announces more than one image, or too many bytes."""
     width, height, _, layers, faces, levels, scheme = struct.unpack_from("<7I", data, 20)
     (size,) = struct.unpack_from("<Q", data, 96)
     for name, value, most in (

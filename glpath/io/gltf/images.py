@@ -38,7 +38,8 @@ _OTHERS = {
 def read_image(document: Document, index: int) -> NDArray[Any]:
     """Return the (h, w, 3) or, with alpha, (h, w, 4) uint8 pixels, row 0 at the top; uint16 for 16-bit grey images.
 
-    An image is decoded once. Raises SceneError for an image that is missing, broken, too large or of another format.
+    An image is decoded once. Raises SceneError for an image that is missing, broken, too large, or of another
+    format.
     """
     if index not in document.images:
         document.images[index] = _read_image(document, document.all("images")[index])

@@ -111,7 +111,8 @@ class Primitives:
             maps = _vertex_maps(primitive, skin, sets, part)
             linear = maps[:, :, :3]
             moved["POSITION"][part] = np.einsum("nij,nj->ni", linear, attributes["POSITION"][part]) + maps[:, :, 3]
-            cofactors = np.stack([np.cross(linear[:, (i + 1) % 3], linear[:, (i + 2) % 3]) for i in range(3)], axis=1)
+            rows = [linear[:, i] for i in range(3)]
+            cofactors = np.stack([np.cross(rows[i - 2], rows[i - 1]) for i in range(3)], axis=1)
             determinants[part] = np.einsum("ni,ni->n", linear[:, 0], cofactors[:, 0])
             if "NORMAL" in moved:
                 moved["NORMAL"][part] = np.einsum("nij,nj->ni", cofactors, attributes["NORMAL"][part])

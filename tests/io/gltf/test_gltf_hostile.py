@@ -415,7 +415,7 @@ def test_the_keys_of_animations_are_checked_once(tmp_path: Path, monkeypatch: py
     file.add("animations", samplers=[sampler] * 10, channels=channels)
     sizes = []
     difference = np.diff
-    monkeypatch.setattr(np, "diff", lambda given, *rest, **names: sizes.append(len(given)) or difference(given, *rest, **names))
+    monkeypatch.setattr(np, "diff", lambda given, **rest: sizes.append(len(given)) or difference(given, **rest))
     model = read_gltf(file.write(tmp_path), time=2.5, shutter=0.25)
     assert sizes.count(1000) == 1
     motion = model.shapes[0].motion
@@ -465,7 +465,14 @@ def test_a_skin_of_many_vertices_takes_little_memory(tmp_path: Path, monkeypatch
     assert peak < 400 * count
 
 
-KTX2 = {"layers": 32, "faces": 36, "levels": 40, "as its supercompressionScheme": 44, "uncompressed bytes in level 0": 96}
+#: Offsets of numbers in the header of a KTX 2 texture, by their names in messages.
+KTX2 = {
+    "layers": 32,
+    "faces": 36,
+    "levels": 40,
+    "as its supercompressionScheme": 44,
+    "uncompressed bytes in level 0": 96,
+}
 
 
 @pytest.mark.parametrize("words", KTX2)
