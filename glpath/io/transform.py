@@ -38,7 +38,8 @@ def world_from_shape(steps: Sequence[Step], location: SourceLocation) -> Float64
         if not stretch[2] > max(_FLATTEST * stretch[0], _SMALLEST_STRETCH):
             raise location.error(
                 f"flattens the shape: its steps together stretch by {shown(stretch)} along their own axes.",
-                f"Each must be above {_SMALLEST_STRETCH:g} and above {_FLATTEST:g} of the largest. Check its scales.",
+                f"Check its scales: each stretch must be above {_SMALLEST_STRETCH:g}, and above {_FLATTEST:g} of the "
+                "largest.",
             )
     return matrix
 
