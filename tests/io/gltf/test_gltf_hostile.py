@@ -361,7 +361,7 @@ def test_tests_of_what_encloses_a_camera_are_limited(tmp_path: Path, monkeypatch
     calls.clear()
     monkeypatch.setattr(load, "_LONG_TESTS", 100 * (load._FACES_PER_TEST + 4))
     (material,) = read_gltf(path).materials
-    assert (material.culled, 90 <= len(calls) <= 100) == (True, True)
+    assert (material.culled, 80 <= len(calls) <= 100) == (True, True)
     calls.clear()
     (material,) = read_gltf(boxes_around_cameras(20, 0.0).write(tmp_path)).materials
     assert (material.culled, len(calls)) == (False, 20)  # all cameras are at one place
