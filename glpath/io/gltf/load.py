@@ -52,8 +52,8 @@ _LONG_TEST = 2**20
 # Maximum number of faces in all tests of whether a mesh encloses a camera; they take about 20 s. If there are more,
 # the other meshes count as enclosing it.
 _LONG_TESTS = 2**25
-# Number of faces that take as long as the other work of a test of a mesh, and of a test of bounding boxes, and number
-# of boxes that take as long as a face.
+# Number of faces that take as long as the other work of a test of a mesh, and of a test of bounding boxes; and
+# number of boxes that take as long as a face.
 _FACES_PER_TEST, _FACES_PER_BOXES, _BOXES_PER_FACE = 256, 32, 16
 # Maximum number of meshes that a note names.
 _NAMES = 20
