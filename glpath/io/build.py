@@ -117,9 +117,7 @@ def build(
             shape_name, geometry, material, matrix[None], subdivisions=subdivisions, kind=kind, motion=moved
         )
         shapes.append(
-            lights.emission(
-                given.emission, here.field("emission"), scene_unit, shape, surfaces[material], textures
-            )
+            lights.emission(given.emission, here.field("emission"), scene_unit, shape, surfaces[material], textures)
         )
 
     # In practice, environment maps and glTF emission have no physical unit, so 1 counts as equally bright in both.

@@ -21,8 +21,18 @@ from glpath.io.values import LARGEST, light, unit
 from glpath.scene.appearance import opacity_of
 from glpath.scene.cie_sky import cie_sky, has_sun
 from glpath.scene.maintenance import with_factor
-from glpath.scene.model import Environment, Float64, Light, LightProfile, Material, Mesh, Portal, Shape, Sky
-from glpath.scene.model import Texture
+from glpath.scene.model import (
+    Environment,
+    Float64,
+    Light,
+    LightProfile,
+    Material,
+    Mesh,
+    Portal,
+    Shape,
+    Sky,
+    Texture,
+)
 from glpath.scene.portal import MAX_PORTALS, portal_fault
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.spot_cone import spot_solid_angle
@@ -249,9 +259,7 @@ def emission(
     return with_factor(shining, _factor_of(given))
 
 
-def _opacity_of(
-    shape: Shape, material: Material, textures: Sequence[Texture], location: SourceLocation
-) -> float:
+def _opacity_of(shape: Shape, material: Material, textures: Sequence[Texture], location: SourceLocation) -> float:
     """Return the opacity of an emitter. Raises SceneError if it is 0 or varies over the shape."""
     if material.alpha == "opaque":
         return 1.0

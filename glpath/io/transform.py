@@ -13,7 +13,6 @@ from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.pyrr_matrices import matrix44
 
-
 # Minimum stretch of a transform along any axis: it makes the smallest object of the largest coordinates.
 _SMALLEST_STRETCH = SMALLEST / LARGEST
 # Minimum ratio of the smallest to the largest stretch of a transform, at the precision of 64-bit numbers.
@@ -38,8 +37,8 @@ def world_from_shape(steps: Sequence[Step], location: SourceLocation) -> Float64
         if not stretch[2] > max(_FLATTEST * stretch[0], _SMALLEST_STRETCH):
             raise location.error(
                 f"flattens the shape: its steps together stretch by {shown(stretch)} along their own axes.",
-                f"Check its scales: each stretch must be above {_SMALLEST_STRETCH:g}, and above {_FLATTEST:g} of the "
-                "largest.",
+                f"Check its scales: each stretch must be above {_SMALLEST_STRETCH:g}, and above {_FLATTEST:g} of "
+                "the largest.",
             )
     return matrix
 

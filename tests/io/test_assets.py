@@ -221,7 +221,7 @@ WRONG = {
     ),
     "line": (
         'file = "box.obj"\ntransform = [{ scale = [1, 3e-8, 2e-15] }]',
-        'assets[1] ("Paint") has 6 triangles, none of which has an area.',
+        'assets[1] ("box/Paint") has 6 triangles, none of which has an area.',
     ),
     "step": ('file = "box.obj"\ntransform = [{}]', "assets[1].transform[0] has nothing, but a step is one of"),
     "field": ('file = "box.obj"\nmaterial = "red"', "assets[1].material is not a field of"),

@@ -39,7 +39,7 @@ def test_triangles_of_all_patches_of_a_scene_are_limited(monkeypatch: pytest.Mon
     camera = {"position": [0, 0, 5], "target": [0, 0, 0]}
     monkeypatch.setattr("glpath.io.patches.MAX_TRIANGLES", 300)  # each has 2 x 8 x 8
     glpath.load_scene({"camera": camera, "shapes": [shape] * 2})
-    with pytest.raises(SceneError, match="2.* would be 128 triangles, with those before them 384; at most 300"):
+    with pytest.raises(SceneError, match=r"2.* would be 128 triangles, with those before them 384; at most 300"):
         glpath.load_scene({"camera": camera, "shapes": [shape] * 3})
 
 

@@ -352,8 +352,6 @@ class Surfaces:
             self._texture_numbers[key] = len(self.textures) - 1
         return self._texture_numbers[key]
 
-
-
     def _source(self, table: Table) -> int:
         """Return the image index of a texture: a compressed image if it can be read, otherwise the plain one."""
         images = self.document.all("images")
