@@ -375,7 +375,8 @@ def test_the_alpha_of_a_texture_is_searched_once(tmp_path: Path, monkeypatch: py
     texture = {"index": file.texture([[[9, 9, 9, 0]]])}
     material = file.add("materials", alphaMode="MASK", pbrMetallicRoughness={"baseColorTexture": texture})
     for shift in range(10):
-        file.node(mesh=file.mesh([[shift, 0, 0], [10, 0, 0], [9, 1, 0]], TEXCOORD_0=[[0, 0]] * 3, material=material))
+        corners = [[shift, 0, 0], [10, 0, 0], [9, 1, 0]]
+        file.node(mesh=file.mesh(corners, TEXCOORD_0=[[0, 0]] * 3, material=material))
     assert len(read_gltf(file.write(tmp_path)).shapes) == 10
     assert len(calls) == 1
 
