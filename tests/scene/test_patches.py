@@ -14,6 +14,7 @@ from scipy import integrate
 import glpath
 from glpath.compare import relative_mse
 from glpath.errors import SceneError
+from glpath.io import scene_from_dict
 from glpath.io.shipped.teapot import teapot_patches
 from glpath.scene import patches as rooms
 from glpath.scene.camera import Camera
@@ -38,9 +39,9 @@ def test_triangles_of_all_patches_of_a_scene_are_limited(monkeypatch: pytest.Mon
     shape = {"type": "patches", "points": points, "patches": [list(range(16))], "level": 8}
     camera = {"position": [0, 0, 5], "target": [0, 0, 0]}
     monkeypatch.setattr("glpath.io.patches.MAX_TRIANGLES", 300)  # each has 2 x 8 x 8
-    glpath.load_scene({"camera": camera, "shapes": [shape] * 2})
+    scene_from_dict({"camera": camera, "shapes": [shape] * 2})
     with pytest.raises(SceneError, match=r"2.* would be 128 triangles, with those before them 384; at most 300"):
-        glpath.load_scene({"camera": camera, "shapes": [shape] * 3})
+        scene_from_dict({"camera": camera, "shapes": [shape] * 3})
 
 
 def ring() -> Patches:
