@@ -320,7 +320,7 @@ def test_the_flux_of_a_lamp_is_what_its_opacity_lets_it_emit(fields: dict[str, A
 )
 def test_the_flux_of_a_lamp_with_holes_is_refused(fields: dict[str, Any], words: str, tmp_path: Path) -> None:
     iio.imwrite(tmp_path / "leaf.png", np.array([[[9, 9, 9, 255], [9, 9, 9, 0]]], np.uint8))
-    leaf = {"file": str(tmp_path / "leaf.png")}
+    leaf = {"type": "image", "file": str(tmp_path / "leaf.png")}
     ball = {"type": "sphere", "radius": 1, "material": "lamp", "emission": {"flux": 100}}
     with pytest.raises(SceneError, match=rf"emission\W+flux.* {words}"):
         glpath.load_scene(scene(shapes=[ball], materials={"lamp": fields}, textures={"leaf": leaf}))

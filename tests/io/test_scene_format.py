@@ -246,7 +246,7 @@ WRONG: dict[str, tuple[str, list[str]]] = {
         ["shapes[1] is only 1e-20 scene units thick", "1e-15", "smaller unit"],
     ),
     "sphere flattened by its transform": (
-        SPHERE + "transform = [{ scale = [1, 1e-9, 1] }, { scale = [1, 1e-9, 1] }]",
+        SPHERE + "transform = [{ scale = [1, 1e-9, 1] }, { scale = [1e-7, 1e-9, 1e-7] }]",
         ["shapes[0] is only 1e-18 scene units thick"],
     ),
     "negative radius": (shape('type = "sphere"\nradius = -2'), ["shapes[1].radius is -2", "a number above 0"]),
