@@ -59,7 +59,7 @@ class LightProfile:
 
     @cached_property
     def mirrored(self) -> LightProfile:
-        """Profile seen in a mirror, with -C in place of C; the profile itself if the two are equal."""
+        """Profile seen in a mirror, with -C instead of C; the profile itself if the two are equal."""
         candela = np.roll(self.candela[::-1], 1, axis=0)
         return self if np.array_equal(candela, self.candela) else LightProfile(candela, self.gamma)
 

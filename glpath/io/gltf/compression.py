@@ -126,15 +126,15 @@ def _check_ktx2(data: bytes) -> None:
     """Raise ValueError if the header of a KTX 2 texture announces more than one image, or too many bytes."""
     width, height, _, layers, faces, levels, scheme = struct.unpack_from("<7I", data, 20)
     (size,) = struct.unpack_from("<Q", data, 96)
-    for name, value, most in (
+    for name, value, limit in (
         ("layers", layers, 1),
         ("faces", faces, 1),
         ("levels", levels, max(width, height).bit_length()),
         ("as its supercompressionScheme", scheme, 2),
         ("uncompressed bytes in level 0", size, _KTX2_PIXEL * width * height + _KTX2_BLOCKS),
     ):
-        if value > most:
-            raise ValueError(f"its header has {value:,} {name}; at most {most:,} is allowed")
+        if value > limit:
+            raise ValueError(f"its header has {value:,} {name}; at most {limit:,} is allowed")
 
 
 def available(module: str) -> bool:
