@@ -14,8 +14,9 @@ from glpath.errors import encodable, warn
 from glpath.film.units import Unit, conversion
 from glpath.io import transform
 from glpath.io.description import Asset
-from glpath.io.gltf import Model
+from glpath.io.gltf import Model, limits
 from glpath.io.gltf.document import SUFFIXES as GLTF_FORMATS
+from glpath.io.gltf.load import OpenFile
 from glpath.io.models import FORMATS, read_model
 from glpath.io.motion import motion_of
 from glpath.io.up_axis import axis_vector
@@ -64,6 +65,10 @@ class Assets:
     lights: list[Light] = field(default_factory=list)
     _read: dict[tuple[Path, float | None], _Read] = field(default_factory=dict)
     _reported: set[str] = field(default_factory=set)
+    _repeated: set[Path] = field(default_factory=set)  # files that are shown at several times
+    _open_files: dict[Path, OpenFile] = field(default_factory=dict)
+    _decoded: int = 0  # bytes of all glTF files together
+    _stored: dict[Path, int] = field(default_factory=dict)  # bytes of each glTF file
     _meshes: dict[tuple[Mesh, bool, bool], Mesh] = field(default_factory=dict)
 
     def add(self, given: Sequence[Asset], location: SourceLocation) -> None:
@@ -73,8 +78,13 @@ class Assets:
 
         Raises SceneError. Warns once per file of each kind of unused content.
         """
+        times: dict[Path, set[object]] = {}
+        for asset in given:
+            times.setdefault(self.folder / asset.file, set()).add(asset.time)
+        self._repeated = {path for path, of_file in times.items() if len(of_file) > 1}
         for index, asset in enumerate(given):
             self._add(asset, location.item(index))
+        self._open_files.clear()
 
     def _add(self, given: Asset, location: SourceLocation) -> None:
         read = self._model(given, location)
@@ -83,6 +93,7 @@ class Assets:
         world = transform.world_from_shape(given.transform, location.field("transform"))
         if not isinstance(given.up, UnsetType):
             world[:3, :3] = world[:3, :3] @ upright_from_world(axis_vector(given.up))
+        is_flat = np.isfinite(world).all() and transform.flattens(world)
         replaced = self._replaced(given, read, location.field("materials"))
         moved = motion_of(given.motion, world[None, :3], location.field("motion"))
         began = 0.0 if isinstance(given.time, UnsetType) else given.time
@@ -101,6 +112,11 @@ class Assets:
                 # Emission is part of the replaced material, so the shape no longer emits.
                 material, emission = replaced[shape.material], np.zeros(3)
             here = self._placed(shape, world, self.materials[material].needs_uv, location)
+            if is_flat:
+                assert isinstance(here.geometry, Mesh)
+                full_name = f"{name}/{shape.name}"
+                mesh = tessellate.with_area(here.geometry, here.world_from_object[0], full_name, location)
+                here = replace(here, geometry=mesh)
             here = self._moving(here, shape.motion, world, moved, began)
             self.shapes.append(replace(here, name=f"{name}/{shape.name}", material=material, emission=emission))
         if given.lights:
@@ -110,7 +126,7 @@ class Assets:
                     text = f"{location}: its punctual lights do not move; they stay where they are at shutter open."
                     warn(text)
             for light in model.lights:
-                placed = _placed_light(light, world, f"{name}/{light.name}")
+                placed = _placed_light(light, world, f"{name}/{light.name}", location)
                 self.lights.append(replace(placed, intensity=factor * light.intensity))
 
     def _model(self, given: Asset, location: SourceLocation) -> _Read:
@@ -129,7 +145,9 @@ class Assets:
             raise here.error(f"names {path}, which {absence_of(path)}.", nearby_files("Models", path, FORMATS))
         if (path, time) not in self._read:
             opened, closed = self.shutter
-            model = read_model(path, here, None if time is None else time + opened, closed - opened)
+            began = None if time is None else time + opened
+            model = read_model(path, here, began, closed - opened, self._open_files)
+            self._count_decoded(path, here)
             if not model.shapes:
                 raise here.error(f"names {path}, which has no triangles.", "Export the file with its meshes.")
             lost = ("The environment, because a scene has its own sky.",) if model.sky is not None else ()
@@ -145,6 +163,24 @@ class Assets:
                 self.materials.append(replace(moved, name=f"{encodable(path.stem)}/{material.name}"))
             self.textures += model.textures
         return self._read[path, time]
+
+    def _count_decoded(self, path: Path, location: SourceLocation) -> None:
+        """Count what was decoded of a glTF file. Raises SceneError if the sum of all files exceeds the limit."""
+        if path not in self._open_files:
+            return
+        document = self._open_files[path].document
+        self._decoded += document.decoded
+        self._stored[path] = document.stored
+        stored = sum(self._stored.values())
+        allowed = max(2 * limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO * stored)
+        if self._decoded > allowed:
+            raise location.error(
+                f"brings the models of the scene to {self._decoded:,} bytes of memory, but files of {stored:,} "
+                f"bytes may unfold to {allowed:,}.",
+                "Name fewer files, or show a file at fewer times.",
+            )
+        if path not in self._repeated:
+            del self._open_files[path]
 
     def _moving(
         self, shape: Shape, own: Motion | None, world: Float64, moved: Motion | None, began: float
@@ -223,11 +259,26 @@ def _product(a: Float64, b: Float64) -> Float64:
     return np.asarray(a[:3] @ _square(b))
 
 
-def _placed_light(light: Light, world: Float64, name: str) -> Light:
-    direction = world[:3, :3] @ light.direction
-    return replace(
-        light,
-        name=name,
-        position=world[:3, :3] @ light.position + world[:3, 3],
-        direction=direction / np.linalg.norm(direction),
-    )
+def _placed_light(light: Light, world: Float64, name: str, location: SourceLocation) -> Light:
+    """Return the light in world space, with its profile turned or mirrored. Raises SceneError if that is flattened.
+
+    world    : (4, 4) matrix from model space to the scene
+    location : location of the asset
+    """
+    linear = world[:3, :3]
+    position = linear @ light.position + world[:3, 3]
+    direction = linear @ light.direction
+    direction = direction / np.linalg.norm(direction)
+    c0, profile = light.c0, light.profile
+    if light.profile is not None:
+        c0 = linear @ light.c0
+        length = np.linalg.norm(c0)
+        c0 = c0 - (c0 @ direction) * direction  # perpendicular to `direction` even if the asset is sheared
+        if not np.linalg.norm(c0) > 1e-9 * length:
+            raise location.field("transform").error(
+                f"flattens the profile of the light {shown(light.name)}, which needs two directions.",
+                "Check its scale, or set lights = false.",
+            )
+        c0 = c0 / np.linalg.norm(c0)
+        profile = light.profile.mirrored if transform.mirrors(world) else profile
+    return replace(light, name=name, position=position, direction=direction, c0=c0, profile=profile)

@@ -69,6 +69,7 @@ def build(
 
     shapes = []
     known: dict[tuple[object, bool, bool], Mesh] = {}
+    patch_triangles = 0
     for index, given in enumerate(file.shapes):
         check_time()
         here = location.field("shapes").item(index)
@@ -95,7 +96,9 @@ def build(
                 geometry = _stream(given, here, folder, surfaces[material], surface)
             case description.Patches():
                 matrix = _world(given, here)[:3]
-                mesh = patch_surface(given, here, camera, matrix, textures).mesh()
+                surface = patch_surface(given, here, camera, matrix, textures)
+                patch_triangles += surface.triangle_count
+                mesh = surface.mesh(patch_triangles)
                 geometry = _finished(mesh, False, given.flip_normals != transform.mirrors(matrix))
                 _check_extent(placed(geometry.vertices, matrix), here)
                 geometry = with_area(geometry, matrix, shape_name, here)
@@ -114,7 +117,7 @@ def build(
             shape_name, geometry, material, matrix[None], subdivisions=subdivisions, kind=kind, motion=moved
         )
         shapes.append(
-            lights.emission(given.emission, here.field("emission"), scene_unit, shape, surfaces[material])
+            lights.emission(given.emission, here.field("emission"), scene_unit, shape, surfaces[material], textures)
         )
 
     # In practice, environment maps and glTF emission have no physical unit, so 1 counts as equally bright in both.

@@ -18,11 +18,23 @@ from glpath.io.description import MAX_ENVIRONMENT_PIXELS, AnyLight, Emission
 from glpath.io.photometry import read_profile
 from glpath.io.scene_pictures import stored_picture
 from glpath.io.values import LARGEST, light, unit
+from glpath.scene.appearance import opacity_of
 from glpath.scene.cie_sky import cie_sky, has_sun
 from glpath.scene.maintenance import with_factor
-from glpath.scene.model import Environment, Float64, Light, LightProfile, Material, Mesh, Portal, Shape, Sky
+from glpath.scene.model import (
+    Environment,
+    Float64,
+    Light,
+    LightProfile,
+    Material,
+    Mesh,
+    Portal,
+    Shape,
+    Sky,
+    Texture,
+)
 from glpath.scene.portal import MAX_PORTALS, portal_fault
-from glpath.scene.source_location import SourceLocation
+from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.spot_cone import spot_solid_angle
 from glpath.system.time_limit import check_time
 
@@ -215,9 +227,17 @@ def _cone(cone: tuple[float, float], location: SourceLocation) -> tuple[float, f
 
 
 def emission(
-    given: Emission | UnsetType, location: SourceLocation, scene_unit: Unit, shape: Shape, material: Material
+    given: Emission | UnsetType,
+    location: SourceLocation,
+    scene_unit: Unit,
+    shape: Shape,
+    material: Material,
+    textures: Sequence[Texture],
 ) -> Shape:
-    """Return `shape` with the emission of the table `given`, in the unit of the scene. Raises SceneError."""
+    """Return `shape` with the emission of the table `given`, in the unit of the scene. Raises SceneError.
+
+    textures : textures of the scene file, for the opacity of the material
+    """
     if isinstance(given, UnsetType):
         return shape
     factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
@@ -232,10 +252,34 @@ def emission(
         what = "a material with an emission_texture" if material.emission_texture else f"a {shape.primitive}"
         raise location.field("flux").error(f"is of {what}, for which it is not known.", "Give it a radiance.")
     else:
-        area = _area_of(shape) * (2 if given.two_sided else 1)
+        # Emission is multiplied by the opacity.
+        area = _area_of(shape) * (2 if given.two_sided else 1) * _opacity_of(shape, material, textures, location)
         radiance = light(given.flux, location.field("flux")) / (np.pi * area)  # type: ignore[arg-type]
     shining = replace(shape, emission=factor * radiance, emission_two_sided=given.two_sided)
     return with_factor(shining, _factor_of(given))
+
+
+def _opacity_of(shape: Shape, material: Material, textures: Sequence[Texture], location: SourceLocation) -> float:
+    """Return the opacity of an emitter. Raises SceneError if it is 0 or varies over the shape."""
+    if material.alpha == "opaque":
+        return 1.0
+    low = high = 1.0
+    if material.texture is not None:
+        image = textures[material.texture.texture].image
+        if image.shape[2] == 4:
+            full = 255 if image.dtype == np.uint8 else 1
+            low, high = float(image[..., 3].min()) / full, float(image[..., 3].max()) / full
+    if isinstance(shape.geometry, Mesh) and shape.geometry.colours is not None:
+        alpha = shape.geometry.colours[:, 3]
+        low, high = low * float(alpha.min()), high * float(alpha.max())
+    if low != high:
+        raise location.field("flux").error(
+            f"is of a material with alpha = {shown(material.alpha)}, whose opacity varies.", "Give it a radiance."
+        )
+    opacity = float(opacity_of(material, np.array(low)))
+    if not opacity > 0:
+        raise location.field("flux").error("is of a material whose opacity is 0, so that nothing of it emits.")
+    return opacity
 
 
 def _area_of(shape: Shape) -> float:

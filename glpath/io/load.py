@@ -47,10 +47,10 @@ _WORDS |= {"array": "a list", "object": "a table"}
 _DEEPEST = 100
 # Maximum number of letters of the faulty line that a syntax error shows.
 _SHOWN = 120
-# Pattern of a dotted key with more than a hundred parts, `a.a.a...`. Such a key is rejected, because tomllib takes
-# time quadratic in the number of parts.
+# Pattern of a dotted key with more than 16 parts, `a.a.a...`. Such a key is rejected, because tomllib takes time
+# quadratic in the number of parts of a key and of its header.
 _DEEP_KEY = re.compile(
-    r"""(?:^|[{,])[ \t]*(?:\[{1,2}[ \t]*)?(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""", re.MULTILINE
+    r"""(?:^|[{,])[ \t]*(?:\[{1,2}[ \t]*)?(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){16}""", re.MULTILINE
 )
 _LIGHT = ("emission", "emissive", "emission_color", "emissive_color", "radiance", "ke", "light")
 # Tables that occur once in a scene file, and their types.
@@ -290,7 +290,8 @@ def _name_default_types(data: Any) -> None:
 
 def _too_deep(location: SourceLocation) -> SceneError:
     return location.error(
-        "has tables or lists in each other, a hundred deep or more; a scene needs five.",
+        "has tables or lists in each other, a hundred deep or more, or a key of more than 16 parts; a scene needs "
+        "five.",
         "`glpath schema` prints the format.",
     )
 

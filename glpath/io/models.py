@@ -21,6 +21,7 @@ from glpath.io.gltf.choices import animation_lengths, animation_names, variant_n
 from glpath.io.gltf.document import SUFFIXES as GLTF_FORMATS
 from glpath.io.gltf.document import read_document
 from glpath.io.gltf.lights import camera_of
+from glpath.io.gltf.load import OpenFile
 from glpath.io.gltf.nodes import Nodes
 from glpath.io.mesh_models import read_mesh_model
 from glpath.io.meshes import FORMATS as MESH_FORMATS
@@ -98,13 +99,19 @@ def read_mesh_model_as_asked(path: Path, *, up: Up = "guess") -> Scene:
     return scene_of_model(read_mesh_model(path, SourceLocation(str(path))), up=up)
 
 
-def read_model(path: Path, location: SourceLocation, time: float | None = None, shutter: float = 0.0) -> Model:
+def read_model(
+    path: Path,
+    location: SourceLocation,
+    time: float | None = None,
+    shutter: float = 0.0,
+    open_files: dict[Path, OpenFile] | None = None,
+) -> Model:
     """Return the model of a file of `FORMATS` that is named at `location`. Raises SceneError.
 
-    time, shutter : see `read_gltf`
+    time, shutter, open_files : see `read_gltf`
     """
     if path.suffix.lower() in GLTF_FORMATS:
-        return read_gltf(path, time=time, shutter=shutter)
+        return read_gltf(path, time=time, shutter=shutter, open_files=open_files)
     return read_mesh_model(path, location)
 
 

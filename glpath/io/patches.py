@@ -19,7 +19,7 @@ from glpath.scene.patches import Heights, PatchChunks, Patches, diced, triangle_
 from glpath.scene.source_location import SourceLocation
 
 DEFAULT_LEVEL = 8
-#: Maximum number of triangles of a mesh of patches; more would take gigabytes.
+#: Maximum number of triangles of a scene's patches that are kept in memory; more would take gigabytes.
 MAX_TRIANGLES = 2**24
 
 
@@ -36,16 +36,24 @@ class PatchSurface:
     def chunk(self, index: int) -> Float64:
         return self.chunks.chunk(index)
 
-    def mesh(self) -> Mesh:
+    @property
+    def triangle_count(self) -> int:
+        """Number of triangles of the whole surface, including those without an area."""
+        return int(triangle_counts(self.chunks.levels).sum())
+
+    def mesh(self, total: int = 0) -> Mesh:
         """Return the whole surface as a mesh.
 
-        Raises SceneError if it has too many triangles, or none with an area.
+        total : number of triangles of the scene's patches so far, with those of this surface
+
+        Raises SceneError if there are too many triangles, or none with an area.
         """
-        of = self.chunks
-        count = int(triangle_counts(of.levels).sum())
-        if count > MAX_TRIANGLES:
+        of, count = self.chunks, self.triangle_count
+        total = max(count, total)
+        if total > MAX_TRIANGLES:
+            others = f", with those before them {total:,}" if total > count else ""
             raise self.location.error(
-                f"would be {count:,} triangles; at most {MAX_TRIANGLES:,} are kept in memory.",
+                f"would be {count:,} triangles{others}; at most {MAX_TRIANGLES:,} are kept in memory.",
                 "Lower its level, or set streamed = true.",
             )
         mesh = diced(of.patches, of.levels, of.heights)

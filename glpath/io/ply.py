@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.io.text import decoded, parse_numbers, with_plain_nan
+from glpath.io.text import decoded, first_wrong, parse_numbers, with_plain_nan
 from glpath.io.values import as_float64
 from glpath.system.numerals import unsigned
 from glpath.system.time_limit import check_time
@@ -199,13 +199,9 @@ def _parsed(body: bytes, first_line: int) -> Float64:
     text = with_plain_nan(decoded(body)).replace("\r\n", "\n").replace("\r", "\n")
     try:
         return parse_numbers(text.strip())
-    except ValueError:
-        for number, line in enumerate(text.split("\n"), start=first_line):
-            try:
-                parse_numbers(line)
-            except ValueError as error:
-                raise ValueError(f"line {number} has {error}") from None
-        raise
+    except ValueError as error:
+        number = first_line + first_wrong(text.split("\n"))
+        raise ValueError(f"line {number} has {error}") from None
 
 
 def _read_rows(name: str, count: int, properties: list[_Property], data: Bytes, at: int) -> tuple[Element, int]:

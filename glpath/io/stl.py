@@ -162,13 +162,22 @@ def _first_three(text: str) -> str:
 
 def _check_lines(text: str, source: str) -> None:
     """Raise SceneError for the first line that has a vertex without three numbers."""
+    texts, lines = [], []
     for number, line in enumerate(text.split("\n"), start=1):
+        if number % _CHECKED_FACETS == 0:
+            check_time()
         for part in _SOLID.sub("", line).split("vertex")[1:]:
-            found = parse_lines([_first_three(part)], [number], source)
-            if len(found) < 3:
-                raise SourceLocation(source, f"line {number}").error(
-                    f"has {len(found)} numbers, but a vertex has 3: x, y and z."
-                )
+            texts.append(_first_three(part))
+            lines.append(number)
+    start = 0
+    for end in [*(end for end, words in enumerate(texts, start=1) if words.count(" ") < 2), len(texts)]:
+        parse_lines(texts[start:end], lines[start:end], source)
+        found = parse_numbers(texts[end - 1]) if end else ()
+        if end and len(found) < 3:
+            raise SourceLocation(source, f"line {lines[end - 1]}").error(
+                f"has {len(found)} numbers, but a vertex has 3: x, y and z."
+            )
+        start = end
 
 
 def _finite_facets(positions: list[Float64], sizes: list[Int64], source: str) -> list[Facets]:

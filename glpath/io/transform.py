@@ -8,9 +8,17 @@ import numpy as np
 from msgspec import UnsetType
 
 from glpath.io.description import Step
+from glpath.io.values import LARGEST, SMALLEST
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.pyrr_matrices import matrix44
+
+# Minimum stretch of a transform along any axis: it makes the smallest object of the largest coordinates.
+_SMALLEST_STRETCH = SMALLEST / LARGEST
+# Minimum ratio of the smallest to the largest stretch of a transform, at the precision of 64-bit numbers.
+_FLATTEST = 1e-15
+# Ratio of the smallest to the largest stretch of a transform below which triangles may lose their area.
+_FLAT = 1e-5
 
 
 def world_from_shape(steps: Sequence[Step], location: SourceLocation) -> Float64:
@@ -18,11 +26,20 @@ def world_from_shape(steps: Sequence[Step], location: SourceLocation) -> Float64
 
     location : location of the list of steps
 
-    Raises SceneError for a step that is none or several of the allowed kinds, a zero axis, or a singular matrix.
+    Raises SceneError for a step that is none or several of the allowed kinds, for a zero axis, and for a singular
+    matrix or product.
     """
     matrix = np.identity(4)
     for index, step in enumerate(steps):
         matrix = _matrix_of_step(step, location.item(index)) @ matrix
+    if len(steps) and np.isfinite(matrix).all():  # a matrix that is not finite fails the check of the extent
+        stretch = np.linalg.svd(matrix[:3, :3], compute_uv=False)
+        if not stretch[2] > max(_FLATTEST * stretch[0], _SMALLEST_STRETCH):
+            raise location.error(
+                f"flattens the shape: its steps together stretch by {shown(stretch)} along their own axes.",
+                f"Check its scales: each stretch must be above {_SMALLEST_STRETCH:g}, and above {_FLATTEST:g} of "
+                "the largest.",
+            )
     return matrix
 
 
@@ -33,6 +50,12 @@ def mirrors(matrix: Float64) -> bool:
     """
     x, y, z = matrix[:3, :3]
     return bool(np.cross(x, y) @ z < 0)
+
+
+def flattens(matrix: Float64) -> bool:
+    """Return True if a matrix may leave triangles of a mesh without an area."""
+    stretch = np.linalg.svd(matrix[:3, :3], compute_uv=False)
+    return not stretch[2] > _FLAT * stretch[0]
 
 
 def _matrix_of_step(step: Step, location: SourceLocation) -> Float64:

@@ -67,7 +67,7 @@ def element_error(
     lookup_depth : `lookup_depth` of the image's gather
     options      : other options of `glpath.render` with `integrator="gather"`: camera, crop, lookup_distance ...
 
-    Raises what `glpath.render` raises, and UsageError for too few path sets.
+    Raises what `glpath.render` raises, and UsageError for too few path sets and for a black picture.
 
     Source: two estimates of one integral as in multilevel Monte Carlo (Giles 2015), used only for the bias.
 
@@ -85,12 +85,17 @@ def element_error(
         render(scene, integrator="gather", radiosity=radiosity, spp=spp, lookup_depth=depth, **options)
         for depth in (lookup_depth, lookup_depth + 1)
     )
+    level = further.mean.mean()
+    if not level > 0:
+        raise UsageError(
+            "element_error: the picture is black, but its error is a fraction of its mean.",
+            "Check the lights and the camera of the scene.",
+        )
     difference = _batches(nearer) - _batches(further)
     count = len(difference)
     mean = difference.mean(axis=0)
     noise = difference.var(axis=0, ddof=1) / count
     reference = _in_blocks(further.mean)
-    level = further.mean.mean()
     totals = difference.mean(axis=(1, 2, 3)) / level
     return ElementError(
         bias=float(totals.mean()),

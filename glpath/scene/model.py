@@ -71,6 +71,10 @@ __all__ = [
 ShapeBuilder = Callable[["Scene", object, "str | Mapping[str, object] | None", Mapping[str, object]], "Scene"]
 LightKind = Literal["point", "spot", "directional"]
 _CHUNK = 1 << 14
+# Maximum rounding error of the length of a unit vector and of the dot product of perpendicular ones.
+_ROUNDING = 1e-9
+# Minimum sine of the angle between `direction` and `c0` of a light.
+_PARALLEL = 1e-6
 _WORDS = {"stream": "streamed triangle"}
 
 
@@ -85,14 +89,14 @@ class Light:
                 that faces the light. Profile: factor of the profile's candela values, 1 in a photometric scene,
                 1 / `glpath.film.units.EFFICACY` in a radiometric one
     position  : (3,) float64; without meaning for a directional light
-    direction : (3,) float64 unit, direction of light travel. For a point light with a profile, direction of gamma =
-                0; without meaning for a point light without a profile
+    direction : (3,) float64, direction of light travel, normalized. For a point light with a profile, direction of
+                gamma = 0; without meaning for a point light without a profile
     cone      : inner and outer half angle of a spot, degrees. Light is full within the inner angle, and fades to
                 zero at the outer angle by `spot_fade`
     falloff   : "quadratic" (physical) or "none", as in ray tracers of the 1980s
     profile   : intensity of a point light in each direction; None: the same in all directions
-    c0        : (3,) float64 unit, perpendicular to `direction`: direction of C = 0 and gamma = 90 degrees of the
-                profile
+    c0        : (3,) float64, direction of C = 0 and gamma = 90 degrees of the profile. It is made perpendicular to
+                `direction`, and normalized
     maintenance_factor : maintenance factor that `intensity` already contains; None if the file gave none
     """
 
@@ -114,8 +118,32 @@ class Light:
         check_word(where + "kind", self.kind, get_args(LightKind))
         check_word(where + "falloff", self.falloff, ("quadratic", "none"))
         inner, outer = self.cone
-        if not 0 <= inner <= outer <= 180:
-            raise SceneError(f"{where}cone: {short_repr(self.cone)}, but must be two angles, the inner one first.")
+        if not (0 <= inner <= outer <= 180 and outer > 0):
+            raise SceneError(
+                f"{where}cone: {short_repr(self.cone)}, but must be two angles up to 180 degrees, the inner one "
+                "first, the outer one above 0."
+            )
+        if self.kind != "point" or self.profile is not None:
+            direction = _normalized(where + "direction", self.direction)
+            object.__setattr__(self, "direction", direction)
+        if self.profile is not None:
+            c0 = _normalized(where + "c0", self.c0)
+            if abs(c0 @ direction) > _ROUNDING:
+                c0 = c0 - (c0 @ direction) * direction
+                if np.linalg.norm(c0) < _PARALLEL:
+                    raise SceneError(
+                        f"{where}c0: {short_repr(self.c0)}, but must not be along direction, which is "
+                        f"{short_repr(self.direction)}."
+                    )
+            object.__setattr__(self, "c0", _normalized(where + "c0", c0))
+
+
+def _normalized(name: str, given: Float64) -> Float64:
+    """Return a vector with length 1; the same array if its length is 1 already. Raises SceneError for length 0."""
+    length = float(np.linalg.norm(given))
+    if not length > 0:
+        raise SceneError(f"{name}: {short_repr(given)}, but must be a vector of any length but zero.")
+    return given if abs(length - 1.0) <= _ROUNDING else given / length
 
 
 @checked

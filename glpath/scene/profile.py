@@ -57,6 +57,12 @@ class LightProfile:
         parts = mean[:-1] * np.cos(low) - mean[1:] * np.cos(high) + slope * (np.sin(high) - np.sin(low))
         return float(2 * np.pi * parts.sum())
 
+    @cached_property
+    def mirrored(self) -> LightProfile:
+        """Profile seen in a mirror, with -C instead of C; the profile itself if the two are equal."""
+        candela = np.roll(self.candela[::-1], 1, axis=0)
+        return self if np.array_equal(candela, self.candela) else LightProfile(candela, self.gamma)
+
     def cells(self) -> Float64:
         """Return the (R * (G - 1), 4) float64 intensities at the corners of grid cells, for look-ups on the device.
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import imageio.v3 as iio
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -14,6 +15,7 @@ import glpath
 from glpath.cli.main import app
 from glpath.errors import SceneError, UsageError
 from glpath.film.units import EFFICACY
+from glpath.scene.appearance import Appearance
 from tests.support.gltf_files import Gltf
 from tests.support.photometry import ies
 
@@ -285,6 +287,43 @@ def test_the_flux_of_an_ellipsoid_is_by_its_exact_surface() -> None:
     assert 1 / (np.pi * loaded.shapes[1].emission[0]) == pytest.approx(
         2 * np.pi * (1 + 2 / e * np.arcsin(e)), rel=1e-6
     )
+
+
+@pytest.mark.parametrize(
+    ("fields", "opacity"),
+    [
+        ({"alpha": "blend", "opacity": 0.5}, 0.5),
+        ({"alpha": "mask", "opacity": 0.5}, 1.0),
+        ({"alpha": "opaque", "opacity": 0.5}, 1.0),
+        ({"alpha": "blend", "opacity": 0.5, "texture": "tiles"}, 0.5),
+    ],
+)
+def test_the_flux_of_a_lamp_is_what_its_opacity_lets_it_emit(fields: dict[str, Any], opacity: float) -> None:
+    """A square of area 1 sends pi times its radiance, times its opacity."""
+    corners = [[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]]
+    panel = {"type": "quad", "corners": corners, "material": "lamp", "emission": {"flux": 100}}
+    tables = {"materials": {"lamp": fields}, "textures": {"tiles": {"type": "checker"}}}
+    loaded = glpath.load_scene(scene(shapes=[panel], **tables))
+    emitted = Appearance(loaded).emission(np.zeros(1, np.int64), np.full((1, 3), 1 / 3))
+    np.testing.assert_allclose(np.pi * emitted, 100)
+    np.testing.assert_allclose(np.pi * opacity * loaded.shapes[0].emission, 100)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"alpha": "mask", "opacity": 0.4}, "opacity is 0"),
+        ({"alpha": "blend", "opacity": 0.0}, "opacity is 0"),
+        ({"alpha": "blend", "texture": "leaf"}, 'alpha = "blend", whose opacity varies'),
+        ({"alpha": "mask", "texture": "leaf"}, 'alpha = "mask", whose opacity varies'),
+    ],
+)
+def test_the_flux_of_a_lamp_with_holes_is_refused(fields: dict[str, Any], words: str, tmp_path: Path) -> None:
+    iio.imwrite(tmp_path / "leaf.png", np.array([[[9, 9, 9, 255], [9, 9, 9, 0]]], np.uint8))
+    leaf = {"type": "image", "file": str(tmp_path / "leaf.png")}
+    ball = {"type": "sphere", "radius": 1, "material": "lamp", "emission": {"flux": 100}}
+    with pytest.raises(SceneError, match=rf"emission\W+flux.* {words}"):
+        glpath.load_scene(scene(shapes=[ball], materials={"lamp": fields}, textures={"leaf": leaf}))
 
 
 @pytest.mark.parametrize(

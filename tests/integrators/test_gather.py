@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -621,3 +622,10 @@ def test_the_estimate_takes_a_camera_and_pictures_of_any_size() -> None:
     assert found.bias < 0
     with pytest.raises(UsageError, match="spp=8; noise and error are separable from 16 path sets on"):
         glpath.element_error(BOX, spp=8)
+
+
+def test_a_black_picture_has_no_relative_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    black = SimpleNamespace(mean=np.zeros((16, 16, 3)))
+    monkeypatch.setattr("glpath.rendering.elements.render", lambda *given, **options: black)
+    with pytest.raises(UsageError, match="the picture is black"):
+        glpath.element_error(BOX, spp=16)

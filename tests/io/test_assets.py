@@ -18,7 +18,10 @@ from glpath.errors import SceneError, SceneWarning
 from glpath.io import scene_schema
 from glpath.io.completed import aside
 from glpath.io.description import scene_schema as described
+from glpath.io.gltf import read_gltf
+from glpath.io.gltf.load import OpenFile
 from glpath.scene import Scene
+from tests.support.gltf_files import Gltf
 from tests.support.lit_models import CAMERA_AND_LIGHT
 from tests.support.models import gltf, obj
 
@@ -157,6 +160,40 @@ def test_an_asset_is_shown_at_a_time(tmp_path: Path) -> None:
     assert np.array_equal(moved.triangles, scene.triangles[12:])
 
 
+def test_a_file_at_several_times_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from glpath.io.gltf import images
+
+    calls = []
+    read = images._read_image
+    monkeypatch.setattr(images, "_read_image", lambda *given: calls.append(given) or read(*given))
+    file = Gltf()
+    texture = {"index": file.texture(np.full((2, 2, 3), 9))}
+    file.one_triangle(doubleSided=True, pbrMetallicRoughness={"baseColorTexture": texture})
+    sampler = {"input": file.accessor([0.0, 9.0]), "output": file.accessor([[0, 0, 0], [9, 0, 0]])}
+    channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    file.add("animations", samplers=[sampler], channels=[channel])
+    file.write(tmp_path)
+    scene = scene_with(tmp_path, *(f'file = "model.gltf"\ntime = {time}' for time in (1, 2, 4)))
+    assert scene.triangles[:, 0, 0].tolist() == [1, 2, 4]
+    assert len(calls) == len(scene.shapes.meshes) == 1
+
+
+def test_decoded_bytes_are_summed_over_the_files_of_a_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = [f"{i}.gltf" for i in range(5)]
+    for name in names:
+        gltf(tmp_path / name)
+    open_files: dict[Path, OpenFile] = {}
+    read_gltf(tmp_path / names[0], open_files=open_files)
+    each = open_files[tmp_path / names[0]].document.decoded
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_DECODED_RATIO", 0)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DECODED_BYTES", 2 * each)
+    scene_with(tmp_path, *(f'file = "{name}"' for name in [*names[:4], *names[:4]]))
+    with pytest.raises(SceneError, match=rf"assets\[4\]\.file brings the models .* to {5 * each:,} bytes"):
+        scene_with(tmp_path, *(f'file = "{name}"' for name in names))
+
+
 WRONG = {
     "gone": ('file = "gone.glb"', "assets[1].file names {folder}/gone.glb, which does not exist.\n  Models in"),
     "toml": ('file = "scene.toml"', 'assets[1].file is "scene.toml", but must be a model file that ends in .gltf,'),
@@ -178,6 +215,14 @@ WRONG = {
         "assets[1].time is for animations of glTF files, but the file is box.obj",
     ),
     "far": ('file = "box.obj"\ntransform = [{ scale = 1e15 }, { scale = 9 }]', "assets[1] reaches beyond 1e+15"),
+    "flat": (
+        'file = "box.gltf"\ntransform = [{ scale = 1e-200 }, { scale = 1e-200 }]',
+        "assets[1].transform flattens the shape: its steps together stretch by [0, 0, 0]",
+    ),
+    "line": (
+        'file = "box.obj"\ntransform = [{ scale = [1, 3e-8, 2e-15] }]',
+        'assets[1] ("box/Paint") has 6 triangles, none of which has an area.',
+    ),
     "step": ('file = "box.obj"\ntransform = [{}]', "assets[1].transform[0] has nothing, but a step is one of"),
     "field": ('file = "box.obj"\nmaterial = "red"', "assets[1].material is not a field of"),
     "empty": ('file = "empty.gltf"', "assets[1].file names {folder}/empty.gltf, which has no triangles."),

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
+from scipy.spatial.transform import Rotation
 
 import glpath
 from benchmarks.peers import other_python
@@ -501,6 +502,36 @@ def test_a_model_has_profiles_turned_as_their_nodes_are(tmp_path: Path) -> None:
     for light, world in ((plain, local), (other, local @ quarter.T)):
         assert light.profile is not None
         np.testing.assert_allclose(light.profile.intensity(world, light.direction, light.c0), expected, rtol=1e-7)
+
+
+def test_mirrored_nodes_and_assets_mirror_and_turn_profiles(tmp_path: Path) -> None:
+    """The intensity in a direction is the file's in the direction before the maps of node and asset."""
+    ies(tmp_path / "lamp.ies", GAMMA, C, web(C, GAMMA))
+    file = lamps({"extensions": of(light=0), "scale": [1, -1, 1]}, profiles=[{"uri": "lamp.ies"}])
+    file.one_triangle().write(tmp_path)
+    steps = ("{ rotate = { axis = [1, 2, 3], angle = 70 } }", "{ scale = [-2, 2, 2] }")
+    (tmp_path / "scene.toml").write_text(
+        'unit = "photometric"\ncamera = { position = [2, 2, 6], target = [0, 0, 0] }\n'
+        + "".join(f'[[assets]]\nfile = "model.gltf"\ntransform = [{step}]\n' for step in steps)
+    )
+    (alone,) = read_gltf(tmp_path / "model.gltf").lights
+    turned, twice = glpath.load_scene(tmp_path / "scene.toml").lights
+    local = np.random.default_rng(0).normal(size=(200, 3))
+    local /= np.linalg.norm(local, axis=1, keepdims=True)
+    gamma, c = np.degrees(np.arccos(-local[:, 2])), np.degrees(np.arctan2(local[:, 1], local[:, 0])) % 360
+    expected = RegularGridInterpolator((C, GAMMA), web(C, GAMMA))(np.stack([c, gamma], axis=1))
+    of_node = local * [1, -1, 1]
+    rotation = Rotation.from_rotvec(np.radians(70) * np.array([1, 2, 3]) / 14**0.5)
+    for light, world in ((alone, of_node), (turned, rotation.apply(of_node)), (twice, of_node * [-1, 1, 1])):
+        assert light.profile is not None
+        np.testing.assert_allclose(light.profile.intensity(world, light.direction, light.c0), expected, rtol=1e-7)
+
+
+def test_a_symmetric_profile_is_its_own_mirror_image() -> None:
+    even = LightProfile(np.array([[1.0, 2], [3, 4], [5, 6], [3, 4]]))
+    odd = LightProfile(np.array([[1.0, 2], [3, 4], [5, 6], [7, 8]]))
+    assert even.mirrored is even
+    assert odd.mirrored.candela[:, 0].tolist() == [1, 7, 5, 3]
 
 
 def test_a_lamp_of_both_extensions_is_one(tmp_path: Path) -> None:

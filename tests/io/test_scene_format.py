@@ -20,6 +20,7 @@ position = [0, 0, 5]
 target = [0, 0, 0]
 """
 SPHERE = HEAD + '[[shapes]]\ntype = "sphere"\nradius = 1\nsubdivisions = 0\n'
+PLANE = 'type = "plane"\npoint = [0, 0, 0]\nnormal = [0, 1, 0]\n'
 QUAD = "corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]\n"
 
 
@@ -178,6 +179,18 @@ WRONG: dict[str, tuple[str, list[str]]] = {
         ["shapes[0].transform[0].matrix[3] is [5, 0, 0, 1]", "[0, 0, 0, 1]", "last column"],
     ),
     "scale zero": (SPHERE + "transform = [{ scale = [1, 0, 1] }]", ["transform[0].scale is [1, 0, 1]", "flatten"]),
+    "scales whose product is zero": (
+        shape(PLANE + "transform = [{ scale = 1e-200 }, { scale = 1e-200 }]"),
+        ["shapes[1].transform flattens the shape", "stretch by [0, 0, 0]", "above 1e-30"],
+    ),
+    "steps whose product is flat": (
+        shape(PLANE + "transform = [{ scale = [1e-9, 1, 1] }, { scale = [1e-9, 1, 1] }]"),
+        ["shapes[1].transform flattens the shape", "above 1e-15 of the largest"],
+    ),
+    "a motion to nothing": (
+        SPHERE + "motion = [{ time = 0 }, { time = 1, transform = [{ scale = 1e-20 }, { scale = 1e-20 }] }]",
+        ["shapes[0].motion[1].transform flattens the shape"],
+    ),
     "rotation about nothing": (
         SPHERE + "transform = [{ scale = 2 }, { rotate = { axis = [0, 0, 0], angle = 30 } }]",
         ["shapes[0].transform[1].rotate.axis is [0, 0, 0]", "any length but zero"],
@@ -233,7 +246,7 @@ WRONG: dict[str, tuple[str, list[str]]] = {
         ["shapes[1] is only 1e-20 scene units thick", "1e-15", "smaller unit"],
     ),
     "sphere flattened by its transform": (
-        SPHERE + "transform = [{ scale = [1, 1e-9, 1] }, { scale = [1, 1e-9, 1] }]",
+        SPHERE + "transform = [{ scale = [1, 1e-9, 1] }, { scale = [1e-7, 1e-9, 1e-7] }]",
         ["shapes[0] is only 1e-18 scene units thick"],
     ),
     "negative radius": (shape('type = "sphere"\nradius = -2'), ["shapes[1].radius is -2", "a number above 0"]),
@@ -582,6 +595,17 @@ def test_what_is_nested_too_deep_is_an_error_with_a_place(
     file.write_text(text(depth))
     with pytest.raises(SceneError, match=r"deep\.toml: .* a hundred deep"):
         load_scene(file)
+
+
+def test_keys_have_at_most_16_parts(tmp_path: Path) -> None:
+    """tomllib takes time quadratic in the parts of a header and of the keys below it."""
+    file = tmp_path / "keys.toml"
+    for parts, message in ((16, "a is not a field of a scene file"), (17, "a key of more than 16 parts")):
+        key = ".".join("a" * parts)
+        for text in (f"{key} = 1\n{BASE}", f"{BASE}[{key}]\n", f"x = {{ {key} = 1 }}\n{BASE}"):
+            file.write_text(text)
+            with pytest.raises(SceneError, match=message.replace("a is", "[ax] is")):
+                load_scene(file)
 
 
 def test_a_dictionary_that_is_nested_too_deep_is_an_error() -> None:

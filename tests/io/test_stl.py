@@ -12,6 +12,7 @@ import trimesh
 
 from glpath import load_scene
 from glpath.errors import SceneError
+from glpath.io import text as text_module
 from glpath.io.completed import aside
 from glpath.io.stl import read_stl
 from glpath.scene.model import Scene
@@ -122,6 +123,40 @@ def test_a_file_without_a_whole_facet_is_an_error(tmp_path: Path, content: bytes
         warnings.simplefilter("ignore")
         with pytest.raises(SceneError, match=r"a\.stl: (has no triangles|cannot be read)"):
             load_scene(tmp_path / "a.stl")
+
+
+@pytest.mark.parametrize("suffix", ["stl", "ply", "obj", "off"])
+def test_a_wrong_number_in_a_long_file_is_found_by_bisection(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count = 3000
+    rows = [*(f"{i} 0 {i % 2}" for i in range(count - 1)), "0 0 1_0"]
+    vertices = "\n".join(rows) + "\n"
+    ply = f"ply\nformat ascii 1.0\nelement vertex {count}\n" + "".join(f"property float {axis}\n" for axis in "xyz")
+    text, line = {
+        "stl": ("solid a\nfacet\nouter loop\n" + "".join(f"vertex {v}\n" for v in rows), count + 3),
+        "ply": (f"{ply}element face 0\nproperty list uchar int vertex_indices\nend_header\n{vertices}", count + 9),
+        "obj": ("".join(f"v {v}\n" for v in rows) + "f 1 2 3\n", count),
+        "off": (f"OFF\n{count} 1 0\n{vertices}3 0 1 2\n", count + 2),
+    }[suffix]
+    calls = []
+    parse = text_module._parse_piece
+    monkeypatch.setattr(text_module, "_parse_piece", lambda words: calls.append(words) or parse(words))
+    (tmp_path / f"a.{suffix}").write_text(text)
+    with pytest.raises(SceneError, match=f'line {line} has "1_0", which is not a number'):
+        load_scene(tmp_path / f"a.{suffix}")
+    assert len(calls) < 50
+
+
+def test_the_first_short_vertex_of_an_ascii_file_is_told(tmp_path: Path) -> None:
+    lines = ["solid a", "facet", "outer loop", "vertex 0 0 0", "vertex 1 0", "vertex 0 x 0", "endloop", "endfacet"]
+    (tmp_path / "a.stl").write_text("\n".join(lines))
+    with pytest.raises(SceneError, match="line 5 has 2 numbers, but a vertex has 3"):
+        load_scene(tmp_path / "a.stl")
+    lines[3] = "vertex y 0 0"
+    (tmp_path / "a.stl").write_text("\n".join(lines))
+    with pytest.raises(SceneError, match='line 4 has "y", which is not a number'):
+        load_scene(tmp_path / "a.stl")
 
 
 def test_many_solids_of_an_ascii_file_are_split_in_linear_time() -> None:

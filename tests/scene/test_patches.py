@@ -13,6 +13,8 @@ from scipy import integrate
 
 import glpath
 from glpath.compare import relative_mse
+from glpath.errors import SceneError
+from glpath.io import scene_from_dict
 from glpath.io.shipped.teapot import teapot_patches
 from glpath.scene import patches as rooms
 from glpath.scene.camera import Camera
@@ -30,6 +32,16 @@ def paraboloid() -> Patches:
     x, y = np.meshgrid(line, line, indexing="ij")
     control = np.stack([x, y, square[:, None] + square], axis=-1)
     return Patches.bezier(control.reshape(-1, 3), [range(16)])
+
+
+def test_triangles_of_all_patches_of_a_scene_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = paraboloid().control.reshape(-1, 3)
+    shape = {"type": "patches", "points": points, "patches": [list(range(16))], "level": 8}
+    camera = {"position": [0, 0, 5], "target": [0, 0, 0]}
+    monkeypatch.setattr("glpath.io.patches.MAX_TRIANGLES", 300)  # each has 2 x 8 x 8
+    scene_from_dict({"camera": camera, "shapes": [shape] * 2})
+    with pytest.raises(SceneError, match=r"2.* would be 128 triangles, with those before them 384; at most 300"):
+        scene_from_dict({"camera": camera, "shapes": [shape] * 3})
 
 
 def ring() -> Patches:

@@ -404,6 +404,43 @@ def test_wrong_arguments_of_scene_objects_are_refused(call: Callable[[Any], obje
         call(load_scene("cornell-box-36"))
 
 
+PROFILE = LightProfile(np.arange(6.0).reshape(2, 3))
+
+
+def test_a_light_has_perpendicular_unit_vectors() -> None:
+    long, slanting = np.array([0, 0, -5.0]), np.array([0, 3.0, 4])
+    lamp = Light("lamp", "point", np.ones(3), direction=long, profile=PROFILE, c0=slanting)
+    np.testing.assert_allclose([lamp.direction, lamp.c0], [[0, 0, -1], [0, 1, 0]], atol=1e-15)
+    sun = Light("sun", "directional", np.ones(3), direction=np.array([3.0, 0, -4]))
+    np.testing.assert_allclose(sun.direction, [0.6, 0, -0.8], atol=1e-15)
+    unit = np.array([0.48, 0.6, -0.64])
+    assert Light("sun", "directional", np.ones(3), direction=unit).direction is unit
+    assert Light("bulb", "point", np.ones(3), direction=np.zeros(3)).kind == "point"
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"kind": "spot", "direction": np.zeros(3)}, "direction"),
+        ({"kind": "directional", "direction": np.zeros(3)}, "direction"),
+        ({"kind": "point", "profile": PROFILE, "direction": np.zeros(3)}, "direction"),
+        ({"kind": "point", "profile": PROFILE, "c0": np.zeros(3)}, "c0"),
+        ({"kind": "point", "profile": PROFILE, "c0": np.array([0, 0, 2.0])}, "c0: .* along direction"),
+        ({"kind": "spot", "cone": (0.0, 0.0)}, "cone: .* above 0"),
+    ],
+)
+def test_a_light_without_a_direction_or_a_cone_is_refused(fields: dict[str, Any], message: str) -> None:
+    with pytest.raises(SceneError, match=f"light 'lamp': {message}"):
+        Light("lamp", intensity=np.ones(3), **fields)
+
+
+@pytest.mark.parametrize("name", ["ior", "iridescence_ior"])
+def test_an_index_of_refraction_is_at_least_1(name: str) -> None:
+    assert getattr(Material("m", np.ones(3), **{name: 1.0}), name) == 1
+    with pytest.raises(SceneError, match=f"{name}: 0.4, but must be from 1 to"):
+        Material("m", np.ones(3), **{name: 0.4})
+
+
 COLOURS = [np.full(3, math.nan), -np.ones(3), np.full(3, 1e308), np.ones(4), np.ones(3, complex), 1.0, "abc", None]
 
 

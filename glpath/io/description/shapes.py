@@ -34,7 +34,7 @@ class Emission(Struct, forbid_unknown_fields=True, kw_only=True):
             float | Vector,
             Meta(
                 description="All that the shape sends, in W, or lm where photometric, instead of the radiance: "
-                "one number or [r, g, b]; of a material without an emission_texture."
+                "one number or [r, g, b]; of a material of one opacity, without an emission_texture."
             ),
         ]
         | UnsetType

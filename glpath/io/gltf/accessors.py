@@ -47,6 +47,8 @@ class Accessors:
     left_out: Counter[str] = field(default_factory=Counter)
     _stored: dict[int, NDArray[Any]] = field(default_factory=dict)
     _floats: dict[int, Float64] = field(default_factory=dict)
+    _finite: set[int] = field(default_factory=set)
+    _ascending: set[int] = field(default_factory=set)
 
     def floats(self, index: int, widths: tuple[int, ...], location: SourceLocation) -> Float64:
         """Return the (N, k) float64 values of an accessor, all finite; read-only.
@@ -58,15 +60,29 @@ class Accessors:
         """
         values = self._converted(index)
         self._check_width(values, widths, index, location)
-        bad = ~(np.abs(values) <= LARGEST)
-        if bad.any():
-            row, column = np.argwhere(bad)[0]
-            raise (
-                location.item(int(row))
-                .item(int(column))
-                .wrong(float(values[row, column]), f"a finite number between -{LARGEST:g} and {LARGEST:g}")
-            )
+        if index not in self._finite:
+            bad = ~(np.abs(values) <= LARGEST)
+            if bad.any():
+                row, column = np.argwhere(bad)[0]
+                raise (
+                    location.item(int(row))
+                    .item(int(column))
+                    .wrong(float(values[row, column]), f"a finite number between -{LARGEST:g} and {LARGEST:g}")
+                )
+            self._finite.add(index)
         return values
+
+    def keys(self, index: int, location: SourceLocation) -> Float64:
+        """Return the (N,) times of keyframes, which ascend. Raises SceneError if they do not."""
+        times = self.floats(index, (1,), location)[:, 0]
+        if index not in self._ascending:
+            early = np.diff(times) <= 0
+            if early.any():
+                raise location.item(int(np.argmax(early)) + 1).error(
+                    "is not after the key before it.", "Keys are in order."
+                )
+            self._ascending.add(index)
+        return times
 
     def attribute(self, name: str, index: int, widths: tuple[int, ...], location: SourceLocation) -> Float64:
         """Return the values of an attribute like `floats`, with zeros for bad rows of an optional attribute.

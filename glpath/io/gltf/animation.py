@@ -17,6 +17,7 @@ from glpath.io.gltf.accessors import Accessors
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.table import Table
 from glpath.scene.model import Float64
+from glpath.system.time_limit import check_time
 
 _WIDTHS = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
 # Number of evenly spaced samples while the shutter is open. Between samples, a rotation takes the shorter arc, so a
@@ -51,6 +52,7 @@ def poses_at(
     for number, animation in chosen:
         samplers = animation.tables("samplers")
         for channel in animation.tables("channels"):
+            check_time()
             target = channel.table("target")
             if target.text("path") == "pointer":
                 continue  # `_check_extensions` has added a note on KHR_animation_pointer
@@ -75,13 +77,15 @@ def shutter_times(
 
     Motion between the samples is nearly linear. At most `_MAX_KEYS` keyframes are used.
     """
-    keys: list[Float64] = []
+    keys: dict[int, Float64] = {}  # by accessor, because samplers often share their times
+    every = accessors.document.all("accessors")
     for _, animation in chosen:
         for sampler in animation.tables("samplers"):
-            every, at = accessors.document.all("accessors"), sampler.location.field("input")
-            times = accessors.floats(sampler.required_index("input", every, "accessors"), (1,), at)[:, 0]
-            keys.append(times[(times > opened) & (times < closed)][:_MAX_KEYS])
-    inside = np.unique(np.concatenate([np.zeros(0), *keys]))[:_MAX_KEYS]
+            number, at = sampler.required_index("input", every, "accessors"), sampler.location.field("input")
+            if number not in keys:
+                times = accessors.floats(number, (1,), at)[:, 0]
+                keys[number] = times[(times > opened) & (times < closed)][:_MAX_KEYS]
+    inside = np.unique(np.concatenate([np.zeros(0), *keys.values()]))[:_MAX_KEYS]
     return np.union1d(np.linspace(opened, closed, _EVEN_TIMES), inside)
 
 
@@ -89,11 +93,7 @@ def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Floa
     """Return the (k,) value of a sampler at a time."""
     every = accessors.document.all("accessors")
     at = sampler.location.field("input")
-    times = accessors.floats(sampler.required_index("input", every, "accessors"), (1,), at)[:, 0]
-    if np.any(np.diff(times) <= 0):
-        raise at.item(int(np.argmax(np.diff(times) <= 0)) + 1).error(
-            "is not after the key before it.", "Keys are in order."
-        )
+    times = accessors.keys(sampler.required_index("input", every, "accessors"), at)
     location = sampler.location.field("output")
     values = accessors.floats(sampler.required_index("output", every, "accessors"), (_WIDTHS[path],), location)
     interpolation = sampler.choice("interpolation", _INTERPOLATIONS, "LINEAR")

@@ -28,13 +28,15 @@ def animation_names(document: Document) -> tuple[str, ...]:
 def animation_lengths(document: Document, accessors: Accessors) -> tuple[float, ...]:
     """Return the length of each animation: the time of its last key in seconds."""
     every = document.all("accessors")
+    ends: dict[int, float] = {}  # by accessor, because samplers often share their times
     lengths = []
     for animation in document.all("animations"):
         last = 0.0
         for sampler in animation.tables("samplers"):
-            at = sampler.location.field("input")
-            times = accessors.floats(sampler.required_index("input", every, "accessors"), (1,), at)
-            last = max(last, float(times.max(initial=0.0)))
+            number, at = sampler.required_index("input", every, "accessors"), sampler.location.field("input")
+            if number not in ends:
+                ends[number] = float(accessors.floats(number, (1,), at).max(initial=0.0))
+            last = max(last, ends[number])
         lengths.append(last)
     return tuple(lengths)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 import io
+import struct
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ DRACO = "KHR_draco_mesh_compression"
 BASISU = "KHR_texture_basisu"
 # Draco: flag of a header that metadata follow; maximum number of bits of a count.
 _DRACO_METADATA, _DRACO_COUNT_BITS = 0x8000, 32
+# KTX 2: maximum number of bytes of a pixel, of which Basis Universal has one, and of blocks at the edges.
+_KTX2_PIXEL, _KTX2_BLOCKS = 2, 1 << 20
 
 
 def meshopt(table: Table, data: memoryview, extension: str) -> memoryview:
@@ -106,6 +109,7 @@ def ktx2(data: bytes, location: SourceLocation) -> NDArray[np.uint8]:
     """Return the largest mipmap level of a KTX 2 texture, (h, w, 3) or (h, w, 4) uint8, row 0 at the top."""
     library = _library("opengl_basisu", "ktx2", BASISU, location)
     try:
+        _check_ktx2(data)
         texture = library.open(data)
         pixels = np.array(texture.transcode("rgba8").data, np.uint8)
     except Exception as error:  # the library raises all kinds of exceptions
@@ -116,6 +120,21 @@ def ktx2(data: bytes, location: SourceLocation) -> NDArray[np.uint8]:
             ) from error
         raise _broken(location, error) from error
     return pixels if texture.has_alpha else pixels[..., :3]
+
+
+def _check_ktx2(data: bytes) -> None:
+    """Raise ValueError if the header of a KTX 2 texture announces more than one image, or too many bytes."""
+    width, height, _, layers, faces, levels, scheme = struct.unpack_from("<7I", data, 20)
+    (size,) = struct.unpack_from("<Q", data, 96)
+    for name, value, limit in (
+        ("layers", layers, 1),
+        ("faces", faces, 1),
+        ("levels", levels, max(width, height).bit_length()),
+        ("as its supercompressionScheme", scheme, 2),
+        ("uncompressed bytes in level 0", size, _KTX2_PIXEL * width * height + _KTX2_BLOCKS),
+    ):
+        if value > limit:
+            raise ValueError(f"its header has {value:,} {name}; at most {limit:,} is allowed")
 
 
 def available(module: str) -> bool:

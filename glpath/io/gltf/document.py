@@ -18,6 +18,7 @@ from typing import Any
 from urllib.parse import unquote_to_bytes
 
 import msgspec
+from numpy.typing import NDArray
 
 from glpath.io.convert import decode_json
 from glpath.io.gltf import compression, limits
@@ -87,6 +88,8 @@ class Document:
     stored   : number of bytes read so far, from the file and from the files that it names
     files    : named files that were found elsewhere, and images that are not used
     unfolded : sizes of the images that were decoded
+    decoded  : number of bytes that were decoded
+    images   : decoded images by index
     """
 
     root: Table
@@ -97,10 +100,11 @@ class Document:
     notes: Notes = field(default_factory=Notes)
     files: NamedFiles = field(default_factory=NamedFiles)
     unfolded: UnfoldedPictures = field(default_factory=UnfoldedPictures)
+    decoded: int = 0
+    images: dict[int, NDArray[Any]] = field(default_factory=dict)
     _buffers: dict[int, bytes] = field(default_factory=dict)
     _views: dict[int, memoryview] = field(default_factory=dict)
     _lists: dict[str, Tables] = field(default_factory=dict)
-    _decoded: int = 0
 
     def all(self, name: str) -> Tables:
         """Return the list in field `name` of the root object, such as "nodes" or "meshes"."""
@@ -114,11 +118,11 @@ class Document:
 
     def take(self, size: int, location: SourceLocation) -> None:
         """Count bytes that are about to be decoded. Raises SceneError if the total exceeds the limits."""
-        self._decoded += size
+        self.decoded += size
         allowed = self.allowed(limits.ALWAYS_DECODED_BYTES, limits.MAX_DECODED_RATIO, limits.MAX_DECODED_BYTES)
-        if self._decoded > allowed:
+        if self.decoded > allowed:
             raise location.error(
-                f"needs {size:,} bytes of memory, with what came before {self._decoded:,}, but files of "
+                f"needs {size:,} bytes of memory, with what came before {self.decoded:,}, but files of "
                 f"{self.stored:,} bytes may unfold to {allowed:,}.",
                 "Simplify the model, or split it into several files.",
             )

@@ -23,6 +23,8 @@ from glpath.scene.sky import Environment
 
 NAME = "EXT_lights_image_based"
 
+# Bytes of memory for a pixel of a face while the faces are converted.
+_FACE_PIXEL = 16
 # Maximum number of rows of the environment map.
 _MAX_HEIGHT = 1024
 # Three axes of each face in the order +x -x +y -y +z -z: from the cube's centre through the face's centre, then to
@@ -45,7 +47,7 @@ def environment_of(document: Document) -> Environment | None:
         return None
     every = (document.root.extension(NAME) or Table({}, document.location)).tables("lights")
     light = every[extension.required_index("light", every, "lights")]
-    faces = np.stack(_faces(document, light))
+    faces = _faces(document, light)
     height = min(2 * faces.shape[1], _MAX_HEIGHT)
     empty = Environment(np.zeros((height, 2 * height, 3), np.float32))
     turn = _rotation(light.numbers("rotation", (0.0, 0.0, 0.0, 1.0)), light)
@@ -53,8 +55,8 @@ def environment_of(document: Document) -> Environment | None:
     return Environment(image.astype(np.float32), scale=light.number("intensity", 1.0, 0.0))
 
 
-def _faces(document: Document, light: Table) -> list[Float64]:
-    """Return the six faces (n, n, 3) of the sharpest level, linear, in the order of `_FACES`."""
+def _faces(document: Document, light: Table) -> NDArray[np.float32]:
+    """Return the six faces (6, n, n, 3) of the sharpest level, linear, in the order of `_FACES`."""
     location, images = light.location.field("specularImages"), document.all("images")
     levels = light.values.get("specularImages")
     if not isinstance(levels, list) or not levels:
@@ -62,24 +64,31 @@ def _faces(document: Document, light: Table) -> list[Float64]:
     numbers = Table({"faces": levels[0]}, location.item(0)).indices("faces", images, "images")
     if len(numbers) != 6:
         raise location.item(0).error(f"has {len(numbers)} images, but a cube has 6 faces.", "Export the file anew.")
-    faces = [_linear(read_image(document, images[number])) for number in numbers]
-    shapes = {face.shape for face in faces}
-    if len(shapes) > 1 or faces[0].shape[0] != faces[0].shape[1]:
+    pictures = {number: read_image(document, number) for number in numbers}
+    sizes = {picture.shape[:2] for picture in pictures.values()}
+    height, width = next(iter(sizes))
+    if len(sizes) > 1 or height != width:
         raise location.item(0).error(
             "has images of several sizes, or that are not square, but the faces of a cube are squares of one size.",
             "Export the file anew.",
         )
+    document.take(_FACE_PIXEL * 6 * height * width, location.item(0))
+    faces = np.empty((6, height, width, 3), np.float32)
+    for face, number in zip(faces, numbers, strict=True):
+        face[:] = _linear(pictures[number])
     return faces
 
 
-def _linear(stored: NDArray[Any]) -> Float64:
+def _linear(stored: NDArray[Any]) -> NDArray[np.float32]:
     """Return (n, n, 3) linear values.
 
     An image with four channels is RGBD: its colour is divided by the fourth channel, so values can exceed 1.
     """
-    values = stored / np.iinfo(stored.dtype).max
-    light = decode_srgb(values[..., :3])
-    return light / np.maximum(values[..., 3:], 1 / 255) if values.shape[2] == 4 else light
+    full = np.iinfo(stored.dtype).max
+    light = decode_srgb(np.arange(full + 1) / full).astype(np.float32)[stored[..., :3]]
+    if stored.shape[2] == 4:
+        light /= np.maximum(stored[..., 3:] / np.float32(full), np.float32(1 / 255))
+    return light
 
 
 def _rotation(quaternion: Float64, light: Table) -> Float64:
@@ -105,7 +114,7 @@ def _directions(environment: Environment) -> Float64:
     return np.asarray(local @ environment.frame)
 
 
-def _seen(faces: Float64, directions: Float64) -> Float64:
+def _seen(faces: NDArray[np.float32], directions: Float64) -> Float64:
     """Return the (N, 3) values of cube faces (6, n, n, 3) in directions (N, 3), bilinear within each face."""
     size = faces.shape[1]
     along = directions @ _FACES[:, 0].T

@@ -35,11 +35,18 @@ _OTHERS = {
 }
 
 
-def read_image(document: Document, table: Table) -> NDArray[Any]:
+def read_image(document: Document, index: int) -> NDArray[Any]:
     """Return the (h, w, 3) or, with alpha, (h, w, 4) uint8 pixels, row 0 at the top; uint16 for 16-bit grey images.
 
-    Raises SceneError for an image that is missing, broken, too large or of another format.
+    An image is decoded once. Raises SceneError for an image that is missing, broken, too large, or of another
+    format.
     """
+    if index not in document.images:
+        document.images[index] = _read_image(document, document.all("images")[index])
+    return document.images[index]
+
+
+def _read_image(document: Document, table: Table) -> NDArray[Any]:
     check_time()
     data = _stored(document, table)
     kind = _format(data)
@@ -70,9 +77,11 @@ def read_image(document: Document, table: Table) -> NDArray[Any]:
     if kind == "KTX2":
         return compression.ktx2(data, table.location)
     try:
-        return _pixels(data, kind)
+        pixels = _pixels(data, kind)
     except Exception as error:  # Pillow's decoders raise all kinds of exceptions
         raise _broken(table.location, error) from error
+    document.take(max(0, pixels.nbytes - 4 * width * height), table.location)
+    return pixels
 
 
 def _stored(document: Document, table: Table) -> bytes:

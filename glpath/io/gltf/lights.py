@@ -15,6 +15,7 @@ import numpy as np
 from glpath.io.gltf import profiles
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.table import Table
+from glpath.io.transform import mirrors
 from glpath.io.values import LARGEST
 from glpath.scene.camera import CameraKey
 from glpath.scene.choices import Projection
@@ -108,13 +109,14 @@ def _profiled(node: Table, extension: Table, world: Float64, factor: float, webs
     if not np.linalg.norm(c0) > 0:
         raise node.location.error("is scaled to a plane, but a profile needs two directions.", "Check its scale.")
     number = node.location.path.rpartition("[")[2].rstrip("]")
+    profile = webs.of(extension)
     return Light(
         node.name(f"light-{number}"),
         "point",
         factor * extension.number("multiplier", 1.0, 0.0) * extension.numbers("color", (1, 1, 1), 0.0),
         world[:3, 3],
         direction,
-        profile=webs.of(extension),
+        profile=profile.mirrored if mirrors(world) else profile,
         c0=c0 / np.linalg.norm(c0),
     )
 

@@ -24,7 +24,7 @@ from glpath.io.gltf.choices import animation_names, chosen_animations, chosen_va
 from glpath.io.gltf.document import Document, read_document
 from glpath.io.gltf.environment import environment_of
 from glpath.io.gltf.lights import ModelCamera, camera_of, light_of
-from glpath.io.gltf.nodes import Nodes, Pose, instances
+from glpath.io.gltf.nodes import INSTANCING, Nodes, instances
 from glpath.io.gltf.primitives import ONLY_TRIANGLES, Primitives, Skin, is_solid, skin_of
 from glpath.io.gltf.profiles import Profiles
 from glpath.io.gltf.surfaces import Surfaces
@@ -49,10 +49,16 @@ BLACK_BACKS = {"backs": "black"}
 _FLAT = 1e-7
 # Maximum number of faces of a mesh that is tested for being closed; a larger mesh counts as open.
 _LONG_TEST = 2**20
+# Maximum number of faces in all tests of whether a mesh encloses a camera; they take about 20 s. If there are more,
+# the other meshes count as enclosing it.
+_LONG_TESTS = 2**25
+# Number of faces that take as long as the other work of a test of a mesh, and of a test of bounding boxes; and
+# number of boxes that take as long as a face.
+_FACES_PER_TEST, _FACES_PER_BOXES, _BOXES_PER_FACE = 256, 32, 16
 # Maximum number of meshes that a note names.
 _NAMES = 20
-# Fields of a node that may deform its mesh or give the mesh several instances.
-_OF_ITS_OWN = {"skin", "weights", "extensions"}
+# Fields of a node that may deform its mesh.
+_OF_ITS_OWN = {"skin", "weights"}
 _MIRRORED = " (mirrored)"
 
 
@@ -97,6 +103,7 @@ def read_gltf(
     light_factor: float = 1.0,
     unit: Unit = "photometric",
     backs: Literal["absent", "black"] = "absent",
+    open_files: dict[Path, OpenFile] | None = None,
 ) -> Model:
     """Read a .gltf or .glb.
 
@@ -112,6 +119,8 @@ def read_gltf(
                    as written by programs that have light in watts
     backs        : backs of materials that are not doubleSided: "absent", as in viewers, or "black", so that walls
                    block light from both sides
+    open_files   : open files by path, to which the file is added. A file that is there is not decoded again, and
+                   each read has its own limit of decoded bytes
 
     Raises SceneError for a file that is missing, broken or hostile, or requires an unknown extension. Raises
     UsageError for a camera, animation or variant that the file lacks, and for numbers that are not finite.
@@ -119,8 +128,11 @@ def read_gltf(
     path = Path(path)
     if not (np.isfinite(light_factor) and light_factor >= 0):
         raise UsageError(f"light_factor is {light_factor}; must be a finite number, at least 0.")
-    document = read_document(path)
-    accessors = Accessors(document)
+    opened = OpenFile.of(path) if open_files is None else open_files.get(path) or OpenFile.of(path)
+    if open_files is not None:
+        open_files[path] = opened
+    document, accessors = opened.document, opened.accessors
+    document.decoded = 0
     running = chosen_animations(document, animation)
     if animation is None and time is not None and len(document.all("animations")) > 1:
         first = animation_names(document)[0]
@@ -135,15 +147,15 @@ def read_gltf(
         every = [poses_at(document, accessors, float(t), running) for t in times]
         path_of = NodePaths(times, np.stack([Nodes.of(document, each).world for each in every]), every)
     look = chosen_variant(document, variant)
-    made = _Shapes(document, accessors, nodes, poses, surfaces, path_of, look)
+    made = _Shapes(opened, nodes, poses, surfaces, path_of, look)
     written = nodes.tables.values
     views = [_camera(document, nodes, i, path_of) for i in nodes.drawn if "camera" in written[i]]
     cameras = tuple(each for each in views if each is not None)
     eyes = [camera.position for camera in cameras] if backs == "absent" and not made.backs_were_black else None
     shapes = made.all(eyes)
     if not shapes:  # points and lines are drawn only in models without triangles
-        made = _Shapes(document, accessors, nodes, poses, surfaces, path_of, look)
-        made.primitives.strokes = True
+        with_strokes = replace(opened, primitives=Primitives(accessors, strokes=True))
+        made = _Shapes(with_strokes, nodes, poses, surfaces, path_of, look)
         shapes = made.all(eyes)
         if shapes:
             radii = f"{min(made.primitives.radii):.3g}", f"{max(made.primitives.radii):.3g}"
@@ -184,6 +196,21 @@ def read_gltf(
         unit=unit,
         sky=environment_of(document),
     )
+
+
+@dataclass
+class OpenFile:
+    """Document and what is decoded of it, for reads of one file at several animation times."""
+
+    document: Document
+    accessors: Accessors
+    primitives: Primitives
+
+    @classmethod
+    def of(cls, path: Path) -> OpenFile:
+        document = read_document(path)
+        accessors = Accessors(document)
+        return cls(document, accessors, Primitives(accessors))
 
 
 @dataclass(frozen=True)
@@ -259,19 +286,6 @@ class _Group:
             self.maps.append(world[self.nodes, :3])
             self.nodes = []
 
-    def encloses(self, points: Sequence[Float64]) -> bool:
-        """Return True if any instance of the mesh encloses any of the points, by the winding number."""
-        low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
-        for maps in self.maps if len(points) else ():
-            centre = maps[:, :, :3] @ ((low + high) / 2) + maps[:, :, 3]
-            extent = np.abs(maps[:, :, :3]) @ ((high - low) / 2)
-            for point in points:
-                for world in maps[np.all(np.abs(point - centre) <= extent, axis=1)]:
-                    corners = self.mesh.vertices @ world[:, :3].T + world[:, 3]
-                    if winding_number(corners[self.mesh.faces], point) > 0.5:
-                        return True
-        return False
-
 
 @dataclass
 class _Part:
@@ -291,8 +305,7 @@ class _Part:
 class _Shapes:
     def __init__(
         self,
-        document: Document,
-        accessors: Accessors,
+        opened: OpenFile,
         nodes: Nodes,
         poses: dict[int, dict[str, Float64]],
         surfaces: Surfaces,
@@ -300,17 +313,20 @@ class _Shapes:
         variant: int | None = None,
     ) -> None:
         self.paths, self.variant = paths, variant
-        self.document, self.accessors, self.nodes = document, accessors, nodes
+        self.document, self.accessors, self.nodes = opened.document, opened.accessors, nodes
         self.poses: dict[int, dict[str, Float64]] = poses
         self.surfaces = surfaces
-        self.primitives = Primitives(accessors)
+        self.primitives = opened.primitives
         self.skins: dict[int, Skin] = {}
         self.joints_move: dict[int, bool] = {}  # by skin index
         self.solid: dict[tuple[Mesh, ...], bool] = {}
+        self.tested = 0  # faces in tests of whether a mesh encloses a camera
+        self.min_alphas: dict[int, float] = {}  # by texture index
         self.turned: dict[Mesh, Mesh] = {}
         self.flat: dict[tuple[Mesh, bytes], Mesh] = {}  # flattened meshes, by original mesh and axis
         self.groups: dict[tuple[Mesh, int, int], _Group] = {}
         self.parts: dict[int, list[_Part]] = {}  # by mesh index
+        self.weights: dict[int, Float64] = {}  # morph weights by mesh index
         #: Groups of each mesh's primitives, by (mesh index, is mirrored). A mesh that is built for a single node
         #: has -1 - (node index) as its index.
         self.wholes: dict[tuple[int, bool], dict[tuple[Mesh, int, int], _Group]] = {}
@@ -364,16 +380,17 @@ class _Shapes:
         values = self.nodes.tables.values[index]
         if "mesh" not in values or not _OF_ITS_OWN.isdisjoint(values) or "weights" in self.poses.get(index, ()):
             return None
+        if "extensions" in values and INSTANCING in values["extensions"]:
+            return None
         if self._flat[index] or (self.paths is not None and (self.paths.moving[index] or self.paths.bends(index))):
             return None
         number: int | None = self.nodes.tables[index].index("mesh", self.document.all("meshes"), "meshes")
         return number
 
     def _add_plain(self, index: int, number: int) -> None:
-        if number not in self.parts:
-            self.parts[number] = self._parts(number)
-        self._count_instances(len(self.parts[number]), index)
-        for part in self.parts[number]:
+        parts = self._parts(number)
+        self._count_instances(len(parts), index)
+        for part in parts:
             self._count(len(part.mesh.faces), index)
             part.nodes.append(index)
             geometry = self._turned(part.mesh) if self._mirrored[index] else part.mesh
@@ -386,9 +403,14 @@ class _Shapes:
             self.wholes.setdefault((number, self._mirrored[index]), {})[key] = self.groups[key]
 
     def _parts(self, number: int) -> list[_Part]:
-        mesh = self.document.all("meshes")[number]
-        primitives = mesh.tables("primitives")
-        weights = mesh.any_numbers("weights")
+        """Return the primitives of a mesh for nodes that only transform it; they are made on first use."""
+        if number not in self.parts:
+            self.parts[number] = self._new_parts(number)
+        return self.parts[number]
+
+    def _new_parts(self, number: int) -> list[_Part]:
+        primitives = self.document.all("meshes")[number].tables("primitives")
+        weights = self._mesh_weights(number)
         parts = []
         for i, primitive in enumerate(primitives):
             check_time()
@@ -449,7 +471,6 @@ class _Shapes:
         if number is None:
             return
         mesh, world = meshes[number], self.nodes.world[index]
-        weights = self._weights(node, mesh, self.poses.get(index, {}))
         skin = self._skin(node)
         primitives = mesh.tables("primitives")
         name = mesh.name(node.name(f"mesh-{number}"))
@@ -458,6 +479,23 @@ class _Shapes:
         # The joints of a skin give world positions, so glTF ignores the transform of the node with the mesh.
         maps = instances(node, world, self.accessors) if skin is None else np.eye(3, 4)[None]
         self._count_instances(len(primitives), index)
+        pose = self.poses.get(index, {})
+        if skin is None and "weights" not in node and "weights" not in pose:
+            for part_of_mesh in self._parts(number):
+                check_time()
+                self._add_shape(
+                    f"{name}{part_of_mesh.name}",
+                    part_of_mesh.mesh,
+                    part_of_mesh.surface,
+                    maps,
+                    part_of_mesh.primitive,
+                    index,
+                )
+            return
+        if "weights" in pose:
+            weights = pose["weights"]
+        else:
+            weights = node.any_numbers("weights") if "weights" in node else self._mesh_weights(number)
         is_deformed = skin is not None or "weights" in node
         for i, primitive in enumerate(primitives):
             check_time()
@@ -472,11 +510,11 @@ class _Shapes:
             if made is not None:
                 self._add_shape(part, made, surface, maps, primitive, index)
 
-    def _weights(self, node: Table, mesh: Table, pose: Pose) -> Float64:
-        """Return the (M,) morph weights: animated ones, otherwise the node's, otherwise the mesh's."""
-        if "weights" in pose:
-            return pose["weights"]
-        return node.any_numbers("weights") if "weights" in node else mesh.any_numbers("weights")
+    def _mesh_weights(self, number: int) -> Float64:
+        """Return the (M,) morph weights of a mesh, for nodes that have no weights."""
+        if number not in self.weights:
+            self.weights[number] = self.document.all("meshes")[number].any_numbers("weights")
+        return self.weights[number]
 
     def _skin(self, node: Table) -> Skin | None:
         skins = self.document.all("skins")
@@ -626,9 +664,10 @@ class _Shapes:
             return False
         alpha = 1.0
         if material.texture is not None:
-            image = self.surfaces.textures[material.texture.texture].image
-            if image.shape[2] == 4:
-                alpha = float(image[..., 3].min()) / (255 if image.dtype == np.uint8 else 1)
+            number = material.texture.texture
+            if number not in self.min_alphas:
+                self.min_alphas[number] = _min_alpha(self.surfaces.textures[number])
+            alpha = self.min_alphas[number]
         if group.mesh.colours is not None:
             alpha *= float(group.mesh.colours[:, 3:].min(initial=1.0))
         return float(opacity_of(material, np.array(alpha))) < 1
@@ -641,19 +680,51 @@ class _Shapes:
         eyes : positions of cameras
         """
         surfaces = self.surfaces.surfaces
+        points = np.unique(np.reshape(np.array(eyes, np.float64), (-1, 3)), axis=0)
         for number, groups in self._groups_by_surface().items():
             surface = surfaces[number]
             material = surface.material
             if material.two_sided or material.transmission > 0:
                 continue
-            if not all(self._is_solid(group.mesh) and not group.encloses(eyes) for group in groups):
+            if not all(self._is_solid(group.mesh) and not self._may_enclose(group, points) for group in groups):
                 surfaces[number] = replace(surface, material=replace(material, culled=True))
+
+    def _may_enclose(self, group: _Group, points: Float64) -> bool:
+        """Return True if an instance of a mesh encloses any of the points (P, 3), by the winding number.
+
+        Also returns True if all tests together would take longer than `_LONG_TESTS` allows.
+        """
+        mesh = group.mesh
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        for maps in group.maps if len(points) else ():
+            centre = maps[:, :, :3] @ ((low + high) / 2) + maps[:, :, 3]
+            extent = np.abs(maps[:, :, :3]) @ ((high - low) / 2)
+            for point in points:
+                check_time()
+                near = maps[np.all(np.abs(point - centre) <= extent, axis=1)]
+                self.tested += _FACES_PER_BOXES + len(maps) // _BOXES_PER_FACE
+                for world in near:
+                    self.tested += len(mesh.faces) + _FACES_PER_TEST
+                    if self.tested > _LONG_TESTS:
+                        return True
+                    corners = mesh.vertices @ world[:, :3].T + world[:, 3]
+                    if winding_number(corners[mesh.faces], point) > 0.5:
+                        return True
+                if self.tested > _LONG_TESTS:
+                    return True
+        return False
 
     def _is_solid(self, *meshes: Mesh) -> bool:
         """Return True if the meshes together are closed; see `_are_solid`, whose results are cached."""
         if meshes not in self.solid:
             self.solid[meshes] = _are_solid(meshes)
         return self.solid[meshes]
+
+
+def _min_alpha(texture: Texture) -> float:
+    """Return the smallest alpha of a texture; 1 if it has none."""
+    image = texture.image
+    return 1.0 if image.shape[2] < 4 else float(image[..., 3].min()) / (255 if image.dtype == np.uint8 else 1)
 
 
 def _are_solid(meshes: Sequence[Mesh]) -> bool:

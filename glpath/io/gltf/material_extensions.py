@@ -30,7 +30,7 @@ class Layer(NamedTuple):
 
     factors  : field for each property in [0, 1]; defaults are those of `Material`. The first property, 0 by
                default, is the strength: without it there is no layer
-    numbers  : field for each property with values from 0 on; defaults are those of `Material`
+    numbers  : field for each property that is a number; defaults and lowest values are those of `Material`
     textures : field for each texture
     """
 

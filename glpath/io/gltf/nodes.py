@@ -18,6 +18,7 @@ from glpath.io.values import LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation
 
+INSTANCING = "EXT_mesh_gpu_instancing"
 #: Animated properties of a node: translation, rotation (x, y, z, w), scale and weights.
 Pose = Mapping[str, Float64]
 
@@ -199,7 +200,7 @@ def instances(table: Table, world: Float64, accessors: Accessors) -> Float64:
 
     N is 1, or the number of instances that EXT_mesh_gpu_instancing lists.
     """
-    extension = table.extension("EXT_mesh_gpu_instancing")
+    extension = table.extension(INSTANCING)
     if extension is None:
         return world[None, :3]
     attributes = extension.table("attributes")

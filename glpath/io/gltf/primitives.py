@@ -32,6 +32,7 @@ from glpath.scene.model import Float64, Mesh
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import without_area
 from glpath.system.suggestions import listed_names
+from glpath.system.time_limit import check_time
 
 _MODES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip", 4: "triangles", 5: "strip", 6: "fan"}
 #: Note on points and lines, which are left out.
@@ -40,6 +41,8 @@ _STROKES = ("points", "lines", "line loop", "line strip")
 #: Vertex attributes that are read, with the allowed numbers of components.
 _WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 _MAX_JOINT_SETS = 4
+# Number of vertices that a skin moves at once.
+_TOGETHER = 1 << 16
 # Bytes of memory in which Draco data are decoded, with copies: of a face, and of a vector of a point.
 _DRACO_FACE, _DRACO_VECTOR = 72, 48
 
@@ -66,6 +69,7 @@ class Primitives:
     strokes: bool = False
     radii: list[float] = field(default_factory=list)
     _made: dict[tuple[object, ...], Mesh | None] = field(default_factory=dict)
+    _texts: dict[int, str] = field(default_factory=dict)
     _stroke_triangles: int = 0
 
     def mesh(self, primitive: Table, morph: Float64, uv_sets: frozenset[int]) -> Mesh | None:
@@ -76,29 +80,44 @@ class Primitives:
         morph   : (M,) weights of its morph targets
         uv_sets : texture coordinate sets that its material needs; missing ones are filled with zeros
         """
-        # The key is the primitive's content without its material, because primitives of several materials often
-        # share arrays.
-        says = {name: value for name, value in primitive.values.items() if name not in ("material", "extras")}
-        key = (repr(says), np.trim_zeros(morph, "b").tobytes(), uv_sets)
+        morph = morph[: len(primitive.tables("targets"))]
+        key = (self._text(primitive), np.trim_zeros(morph, "b").tobytes(), uv_sets)
         if key not in self._made:
             attributes = self._attributes(primitive, morph)
             self._made[key] = None if attributes is None else self._mesh(primitive, attributes, uv_sets)
         return self._made[key]
+
+    def _text(self, primitive: Table) -> str:
+        """Return the primitive's content without its material, because primitives often share arrays."""
+        number = id(primitive.values)  # the document keeps the object, so that its number stays unique
+        if number not in self._texts:
+            says = {name: value for name, value in primitive.values.items() if name not in ("material", "extras")}
+            self._texts[number] = repr(says)
+        return self._texts[number]
 
     def skinned(self, primitive: Table, morph: Float64, uv_sets: frozenset[int], skin: Skin) -> Mesh | None:
         """Return a primitive as a morphed and skinned mesh, its vertices in world space; None as for `mesh`."""
         attributes = self._attributes(primitive, morph)
         if attributes is None:
             return None
-        maps = self._vertex_maps(primitive, skin, len(attributes["POSITION"]))
-        linear = maps[:, :, :3]
-        attributes["POSITION"] = np.einsum("nij,nj->ni", linear, attributes["POSITION"]) + maps[:, :, 3]
-        cofactors = np.stack([np.cross(linear[:, (i + 1) % 3], linear[:, (i + 2) % 3]) for i in range(3)], axis=1)
-        mirrored = bool(np.median(np.einsum("ni,ni->n", linear[:, 0], cofactors[:, 0])) < 0)
-        if "NORMAL" in attributes:
-            attributes["NORMAL"] = np.einsum("nij,nj->ni", cofactors, attributes["NORMAL"])
-        mesh = self._mesh(primitive, attributes, uv_sets)
-        return mesh.turned() if mesh is not None and mirrored else mesh
+        count = len(attributes["POSITION"])
+        self.accessors.document.take(96 * count, primitive.location)
+        sets = self._joint_sets(primitive, count)
+        moved = {name: np.empty((count, 3)) for name in ("POSITION", "NORMAL") if name in attributes}
+        determinants = np.empty(count)
+        # A transform and its intermediate results take about a kilobyte for a vertex.
+        for part in (slice(start, start + _TOGETHER) for start in range(0, count, _TOGETHER)):
+            check_time()
+            maps = _vertex_maps(primitive, skin, sets, part)
+            linear = maps[:, :, :3]
+            moved["POSITION"][part] = np.einsum("nij,nj->ni", linear, attributes["POSITION"][part]) + maps[:, :, 3]
+            rows = [linear[:, i] for i in range(3)]
+            cofactors = np.stack([np.cross(rows[i - 2], rows[i - 1]) for i in range(3)], axis=1)
+            determinants[part] = np.einsum("ni,ni->n", linear[:, 0], cofactors[:, 0])
+            if "NORMAL" in moved:
+                moved["NORMAL"][part] = np.einsum("nij,nj->ni", cofactors, attributes["NORMAL"][part])
+        mesh = self._mesh(primitive, attributes | moved, uv_sets)
+        return mesh.turned() if mesh is not None and np.median(determinants) < 0 else mesh
 
     def _attributes(self, primitive: Table, morph: Float64) -> dict[str, NDArray[Any]] | None:
         """Return morphed attributes by name, and "faces" (F, 3) int64; None for a primitive that is not drawn."""
@@ -299,46 +318,59 @@ class Primitives:
                 "Use fewer points and lines.",
             )
 
-    def _vertex_maps(self, primitive: Table, skin: Skin, count: int) -> Float64:
-        """Return the (V, 3, 4) transforms from mesh to world space, weighted means of the joints' transforms."""
+    def _joint_sets(self, primitive: Table, count: int) -> list[tuple[NDArray[np.int64], Float64]]:
+        """Return the joints (V, 4) and weights (V, 4) of each set of a primitive of `count` vertices."""
         attributes = primitive.table("attributes")
         every = self.accessors.document.all("accessors")
-        joints, weights = [], []
+        sets = []
         for number in range(_MAX_JOINT_SETS):
             names = [f"JOINTS_{number}", f"WEIGHTS_{number}"]
             first, second = (attributes.index(name, every, "accessors") for name in names)
             if first is None or second is None:
                 break
-            joints.append(self.accessors.integers(first, 4, attributes.location.field(names[0])))
-            weights.append(self.accessors.floats(second, (4,), attributes.location.field(names[1])))
-        if not joints:
+            joint = self.accessors.integers(first, 4, attributes.location.field(names[0]))
+            weight = self.accessors.floats(second, (4,), attributes.location.field(names[1]))
+            if len(joint) != count or len(weight) != count:
+                raise attributes.location.field(names[0]).error(
+                    f"has {len(joint):,} elements, {names[1]} {len(weight):,}, but POSITION has {count:,}."
+                )
+            sets.append((joint, weight))
+        if not sets:
             raise attributes.location.error(
                 "has no JOINTS_0 and WEIGHTS_0, but its node has a skin.", "Export the file anew."
             )
-        joint, weight = np.concatenate(joints, axis=1), np.maximum(np.concatenate(weights, axis=1), 0.0)
-        if len(joint) != count or len(weight) != count:
-            raise attributes.location.field("JOINTS_0").error(
-                f"has {len(joint):,} elements, WEIGHTS_0 {len(weight):,}, but POSITION has {count:,}."
+        return sets
+
+
+def _vertex_maps(
+    primitive: Table, skin: Skin, sets: list[tuple[NDArray[np.int64], Float64]], part: slice
+) -> Float64:
+    """Return the (V, 3, 4) transforms from mesh to world space, weighted means of the joints' transforms.
+
+    sets : joints and weights, as `_joint_sets` returns them
+    part : range of vertices
+    """
+    joint = np.concatenate([joint[part] for joint, _ in sets], axis=1)
+    weight = np.maximum(np.concatenate([weight[part] for _, weight in sets], axis=1), 0.0)
+    beyond = (joint >= len(skin.world_from_mesh)) & (weight > 0)
+    if beyond.any():
+        row, column = np.argwhere(beyond)[0]
+        raise (
+            primitive.location.field("attributes")
+            .field("JOINTS_0")
+            .item(part.start + int(row))
+            .error(
+                f"names joint {joint[row, column]}, but the skin has {len(skin.world_from_mesh)}.",
+                "Export the file anew.",
             )
-        beyond = (joint >= len(skin.world_from_mesh)) & (weight > 0)
-        if beyond.any():
-            row, column = np.argwhere(beyond)[0]
-            raise (
-                attributes.location.field("JOINTS_0")
-                .item(int(row))
-                .error(
-                    f"names joint {joint[row, column]}, but the skin has {len(skin.world_from_mesh)}.",
-                    "Export the file anew.",
-                )
-            )
-        joint = np.where(weight > 0, joint, 0)
-        total = weight.sum(axis=1, keepdims=True)
-        weight = np.where(total > 0, weight / np.where(total > 0, total, 1.0), np.eye(1, weight.shape[1]))
-        self.accessors.document.take(96 * count, primitive.location)
-        maps = np.zeros((count, 3, 4))
-        for column in range(joint.shape[1]):
-            maps += weight[:, column, None, None] * skin.world_from_mesh[joint[:, column], :3]
-        return maps
+        )
+    joint = np.where(weight > 0, joint, 0)
+    total = weight.sum(axis=1, keepdims=True)
+    weight = np.where(total > 0, weight / np.where(total > 0, total, 1.0), np.eye(1, weight.shape[1]))
+    maps = np.zeros((len(joint), 3, 4))
+    for column in range(joint.shape[1]):
+        maps += weight[:, column, None, None] * skin.world_from_mesh[joint[:, column], :3]
+    return maps
 
 
 def skin_of(table: Table, nodes_world: Float64, accessors: Accessors) -> Skin:

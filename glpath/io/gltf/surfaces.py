@@ -25,11 +25,14 @@ from glpath.io.gltf.material_extensions import LAYERS
 from glpath.io.gltf.table import Choice, Table
 from glpath.scene.material import Wrap
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
+from glpath.system.time_limit import check_time
 
 _WRAPS: dict[Any, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _FILTERS: dict[Any, Literal["linear", "nearest"]] = {9728: "nearest", 9729: "linear"}
 _ALPHA: dict[Any, Literal["opaque", "mask", "blend"]] = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
 _STRENGTH = "KHR_materials_emissive_strength"
+# Number of pixels that are converted at once.
+_STRIP_PIXELS = 1 << 18
 # Material with defaults; its fields are numbers, or arrays for colours.
 _PLAIN = Material("plain", np.ones(3))
 
@@ -65,7 +68,7 @@ class Surfaces:
     textures: list[Texture] = field(default_factory=list)
     _numbers: dict[int | None, int] = field(default_factory=dict)
     _texture_numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
-    _images: dict[int, NDArray[Any]] = field(default_factory=dict)
+
     _names: set[str] = field(default_factory=set)
 
     def number(self, index: int | None) -> int:
@@ -175,16 +178,24 @@ class Surfaces:
             return None
         key = ("glossiness", first.source, second.source, *diffuse, *specular, gloss, "diffuseTexture" in glossy)
         if key not in self._texture_numbers:
-            colours = _of_size(self._linear(first.source), self._linear(second.source))
-            if "diffuseTexture" not in glossy:
-                colours[0] = np.ones_like(colours[0][..., :3])
-            colours[0][..., :3] *= diffuse
-            shiny = colours[1][..., 3] if colours[1].shape[2] == 4 else np.ones(colours[1].shape[:2])
-            self.document.take(16 * shiny.size, glossy.location)
-            images = glossiness.metal_and_roughness(colours[0], colours[1][..., :3] * specular, gloss * shiny)
+            pictures = [read_image(self.document, source) for source in (first.source, second.source)]
+            height, width = (max(each.shape[axis] for each in pictures) for axis in (0, 1))
+            self.document.take(16 * height * width, glossy.location)
+            strips = []
+            rows = max(1, _STRIP_PIXELS // width)  # in strips, because intermediate results take 24 bytes a pixel
+            for top in range(0, height, rows):
+                check_time()
+                part = range(top, min(top + rows, height))
+                colour, shiny = (_linear(_nearest(each, part, height, width)) for each in pictures)
+                if "diffuseTexture" not in glossy:
+                    colour = np.ones_like(colour[..., :3])
+                colour[..., :3] *= diffuse
+                share = shiny[..., 3] if shiny.shape[2] == 4 else np.ones(shiny.shape[:2])
+                strips.append(glossiness.metal_and_roughness(colour, shiny[..., :3] * specular, gloss * share))
             name = self.document.all("images")[second.source].name(f"image-{second.source}")
             self._texture_numbers[key] = len(self.textures)
-            for image, srgb in zip(images, (True, False), strict=True):
+            for parts, srgb in zip(zip(*strips, strict=True), (True, False), strict=True):
+                image = np.concatenate(parts)
                 self.textures.append(Texture(name, image, (1.0, 1.0), first.filter, srgb, first.wrap))
         number = self._texture_numbers[key]
         return {
@@ -237,7 +248,8 @@ class Surfaces:
                         else self._share(found, name, default)
                     )
                 for name, target in layer.numbers.items():
-                    fields[target] = found.number(name, getattr(_PLAIN, target), 0.0)
+                    low = 1.0 if target == "iridescence_ior" else 0.0
+                    fields[target] = found.number(name, getattr(_PLAIN, target), low)
                 if np.any(fields[layer.strength]):
                     for name, into in layer.textures.items():
                         fields[into.field] = self._slot(found, name, srgb=into.srgb)
@@ -329,27 +341,16 @@ class Surfaces:
         """Return the index in `textures` of a texture in a given colour space."""
         key = (found.source, found.wrap, found.filter, srgb)
         if key not in self._texture_numbers:
-            image = self._image(found.source)
+            table = self.document.all("images")[found.source]
+            image = read_image(self.document, found.source)
             if image.dtype == np.uint16:
-                stored = image / np.float64(65535)
-                image = (decode_srgb(stored) if srgb else stored).astype(np.float32)
-            name = self.document.all("images")[found.source].name(f"image-{found.source}")
+                self.document.take(4 * image.size, table.location)
+                levels = np.arange(65536) / 65535
+                image = (decode_srgb(levels) if srgb else levels).astype(np.float32)[image]
+            name = table.name(f"image-{found.source}")
             self.textures.append(Texture(name, image, (1.0, 1.0), found.filter, srgb, found.wrap))
             self._texture_numbers[key] = len(self.textures) - 1
         return self._texture_numbers[key]
-
-    def _image(self, source: int) -> NDArray[Any]:
-        """Return the stored pixels of an image, (h, w, 3) or (h, w, 4)."""
-        if source not in self._images:
-            self._images[source] = read_image(self.document, self.document.all("images")[source])
-        return self._images[source]
-
-    def _linear(self, source: int) -> Float64:
-        """Return an sRGB image as linear numbers in [0, 1]."""
-        image = self._image(source)
-        stored = image / np.float64(np.iinfo(image.dtype).max)
-        stored[..., :3] = decode_srgb(stored[..., :3])
-        return stored
 
     def _source(self, table: Table) -> int:
         """Return the image index of a texture: a compressed image if it can be read, otherwise the plain one."""
@@ -380,13 +381,17 @@ def _is_diffuse(metallic: float, layers: Mapping[str, Any]) -> bool:
     return not (metallic or specular or layered or layers.get("transmission"))
 
 
-def _of_size(*images: Float64) -> list[Float64]:
-    """Return copies of images at the size of the largest, by nearest texels."""
-    height, width = (max(image.shape[axis] for image in images) for axis in (0, 1))
-    return [
-        image[np.arange(height) * image.shape[0] // height][:, np.arange(width) * image.shape[1] // width]
-        for image in images
-    ]
+def _nearest(image: NDArray[Any], rows: range, height: int, width: int) -> NDArray[Any]:
+    """Return rows of an image that is scaled to another size by nearest texels."""
+    of_rows = np.asarray(rows) * image.shape[0] // height
+    return np.asarray(image[of_rows][:, np.arange(width) * image.shape[1] // width])
+
+
+def _linear(image: NDArray[Any]) -> Float64:
+    """Return an sRGB image as linear numbers in [0, 1]."""
+    stored = image / np.float64(np.iinfo(image.dtype).max)
+    stored[..., :3] = decode_srgb(stored[..., :3])
+    return stored
 
 
 def _uv_transform(table: Table) -> Float64:

@@ -22,13 +22,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from glpath.errors import SceneError, SceneWarning, UsageError
-from glpath.io.gltf import compression
+from glpath.io.gltf import compression, load
 from glpath.io.gltf.compression import draco_counts
 from glpath.io.gltf.load import read_gltf
 from glpath.io.gltf.table import Table
 from glpath.scene.source_location import SourceLocation
 from tests.support.damaged import write_jpeg_of_scans
-from tests.support.gltf_files import Gltf, glb
+from tests.support.gltf_files import Gltf, glb, ktx2_of_solid_blocks
 
 #: Maximum number of Python calls per material of a file of many materials.
 MAX_CALLS = 650
@@ -337,6 +337,157 @@ def test_a_file_of_many_materials_is_read_with_few_calls(tmp_path: Path) -> None
     profile.runcall(read_gltf, path)
     calls = sum(entry.callcount for entry in profile.getstats())
     assert calls < MAX_CALLS * count
+
+
+def boxes_around_cameras(count: int, spread: float) -> Gltf:
+    """Tetrahedra at one place, and cameras in their bounding box, but outside of them."""
+    file = Gltf()
+    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    mesh = file.mesh(corners, [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3])
+    camera = file.add("cameras", type="perspective", perspective={"yfov": 0.7, "znear": 0.1})
+    for i in range(count):
+        file.node(mesh=mesh)
+        file.node(camera=camera, translation=[0.8 + spread * i / count, 0.8, 0.8])
+    return file
+
+
+def test_tests_of_what_encloses_a_camera_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    test = load.winding_number
+    monkeypatch.setattr(load, "winding_number", lambda *given: calls.append(given) or test(*given))
+    path = boxes_around_cameras(20, 0.1).write(tmp_path)
+    (material,) = read_gltf(path).materials
+    assert (material.culled, len(calls)) == (False, 20 * 20)
+    calls.clear()
+    monkeypatch.setattr(load, "_LONG_TESTS", 100 * (load._FACES_PER_TEST + 4))
+    (material,) = read_gltf(path).materials
+    assert (material.culled, 80 <= len(calls) <= 100) == (True, True)
+    calls.clear()
+    (material,) = read_gltf(boxes_around_cameras(20, 0.0).write(tmp_path)).materials
+    assert (material.culled, len(calls)) == (False, 20)  # all cameras are at one place
+
+
+def test_the_alpha_of_a_texture_is_searched_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    search = load._min_alpha
+    monkeypatch.setattr(load, "_min_alpha", lambda texture: calls.append(texture) or search(texture))
+    file = Gltf()
+    texture = {"index": file.texture([[[9, 9, 9, 0]]])}
+    material = file.add("materials", alphaMode="MASK", pbrMetallicRoughness={"baseColorTexture": texture})
+    for shift in range(10):
+        corners = [[shift, 0, 0], [10, 0, 0], [9, 1, 0]]
+        file.node(mesh=file.mesh(corners, TEXCOORD_0=[[0, 0]] * 3, material=material))
+    assert len(read_gltf(file.write(tmp_path)).shapes) == 10
+    assert len(calls) == 1
+
+
+@pytest.mark.parametrize("fields", [{"extensions": {}}, {"extensions": {"instances": True}}, {"skin": 0}], ids=str)
+def test_weights_of_a_mesh_are_read_once(
+    fields: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever its nodes have: nothing of their own, several instances, or a skin."""
+    file = Gltf()
+    mesh = file.mesh(WEIGHTS_0=[[1.0, 0, 0, 0]] * 3)
+    file.json["meshes"][mesh]["weights"] = [0.5] * 10
+    attributes = file.json["meshes"][mesh]["primitives"][0]["attributes"]
+    attributes["JOINTS_0"] = file.accessor(np.zeros((3, 4)), "uint16")
+    if "instances" in fields.get("extensions", {}):
+        shifts = {"attributes": {"TRANSLATION": file.accessor([[0, 0, 0], [1, 0, 0]])}}
+        fields = {"extensions": {"EXT_mesh_gpu_instancing": shifts}}
+    file.json["skins"] = [{"joints": [0]}]
+    for _ in range(20):
+        file.node(mesh=mesh, **fields)
+    names = []
+    numbers = Table.any_numbers
+    monkeypatch.setattr(Table, "any_numbers", lambda self, name: names.append(name) or numbers(self, name))
+    read_gltf(file.write(tmp_path))
+    assert names == ["weights"]
+
+
+def test_the_keys_of_animations_are_checked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = Gltf()
+    mesh = file.mesh()
+    sampler = {
+        "input": file.accessor(np.arange(1000.0)),
+        "output": file.accessor(np.outer(np.arange(1000.0), [1, 0, 0])),
+    }
+    targets = [{"node": file.node(mesh=mesh), "path": "translation"} for _ in range(10)]
+    channels = [{"sampler": i, "target": target} for i, target in enumerate(targets)]
+    file.add("animations", samplers=[sampler] * 10, channels=channels)
+    sizes = []
+    difference = np.diff
+    monkeypatch.setattr(np, "diff", lambda given, **rest: sizes.append(len(given)) or difference(given, **rest))
+    model = read_gltf(file.write(tmp_path), time=2.5, shutter=0.25)
+    assert sizes.count(1000) == 1
+    motion = model.shapes[0].motion
+    assert motion is not None
+    assert motion.at(2.625)[0, 0, 3] == pytest.approx(2.625)
+
+
+def test_pixels_are_counted_before_they_are_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Images of 64 x 64 pixels: 16-bit grey becomes floats, and a cube map has six faces, here all of one image."""
+    grey = np.full((64, 64), 700, np.uint16)
+    file = Gltf()
+    path = file.one_triangle(normalTexture={"index": file.texture(grey)}).write(tmp_path)
+    limit = "glpath.io.gltf.limits.ALWAYS_DECODED_BYTES"
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_DECODED_RATIO", 0)
+    monkeypatch.setattr(limit, 64 * 64 * (4 + 2 + 12) - 1)  # as counted by its size, stored and as float32
+    assert "images[0] needs 49,152 bytes" in str(refused(path))
+    file = Gltf().one_triangle()
+    light = {"specularImages": [[file.image(np.zeros((64, 64, 3)))] * 6]}
+    file.json["extensions"] = {"EXT_lights_image_based": {"lights": [light]}}
+    file.json["scenes"] = [{"nodes": [0], "extensions": {"EXT_lights_image_based": {"light": 0}}}]
+    path = file.write(tmp_path)
+    monkeypatch.setattr(limit, 6 * 64 * 64 * 16)
+    assert "specularImages[0] needs 393,216 bytes" in str(refused(path))
+    monkeypatch.setattr(limit, 2**20)
+    sky = read_gltf(path).sky
+    assert sky is not None
+
+
+def test_a_skin_of_many_vertices_takes_little_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Transforms and their intermediate results take a kilobyte for each vertex of a part."""
+    count, file = 60_000, Gltf()
+    kinds = {"POSITION": (5126, "VEC3"), "WEIGHTS_0": (5126, "VEC4"), "JOINTS_0": (5121, "VEC4")}
+    attributes = {
+        name: file.add("accessors", componentType=kind, count=count, type=form)
+        for name, (kind, form) in kinds.items()
+    }
+    mesh = file.add("meshes", primitives=[{"attributes": attributes}])
+    file.add("skins", joints=[file.node(mesh=mesh, skin=0)])
+    path = file.write(tmp_path)
+    monkeypatch.setattr("glpath.io.gltf.primitives._TOGETHER", 1000)
+    tracemalloc.start()
+    try:
+        read_gltf(path)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 400 * count
+
+
+#: Offsets of numbers in the header of a KTX 2 texture, by their names in messages.
+KTX2 = {
+    "layers": 32,
+    "faces": 36,
+    "levels": 40,
+    "as its supercompressionScheme": 44,
+    "uncompressed bytes in level 0": 96,
+}
+
+
+@pytest.mark.parametrize("words", KTX2)
+def test_headers_of_ktx2_are_checked_before_the_library_opens_them(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = bytearray(ktx2_of_solid_blocks(np.full((2, 2, 4), 9, np.uint8)))
+    compression._check_ktx2(bytes(content))
+    content[KTX2[words] : KTX2[words] + 4] = (10**8).to_bytes(4, "little")
+    monkeypatch.setattr(compression, "_library", lambda *given: None)
+    file = plain()
+    file.json["images"][0] = {"bufferView": file.view(bytes(content))}
+    error = str(refused(file.write(tmp_path)))
+    assert f"cannot be decompressed: ValueError: its header has 100,000,000 {words}; at most" in error
 
 
 def test_errors_list_only_the_first_of_many_names(tmp_path: Path) -> None:

@@ -233,6 +233,23 @@ def test_textures_of_specular_glossiness_become_metal_and_roughness(tmp_path: Pa
     assert not any("Texture:" in note for note in model.notes)
 
 
+def test_specular_glossiness_is_converted_alike_in_strips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    found = []
+    diffuse, shiny = rng.integers(0, 256, (7, 5, 3)), rng.integers(0, 256, (11, 3, 4))
+    for pixels in (10**6, 10):
+        monkeypatch.setattr("glpath.io.gltf.surfaces._STRIP_PIXELS", pixels)
+        file = Gltf()
+        table = {
+            "diffuseTexture": {"index": file.texture(diffuse)},
+            "specularGlossinessTexture": {"index": file.texture(shiny)},
+        }
+        file.one_triangle(**extended("KHR_materials_pbrSpecularGlossiness", **table))
+        found.append([texture.image for texture in read(file, tmp_path).textures])
+    assert [image.shape for image in found[0]] == [(11, 5, 3)] * 2
+    np.testing.assert_array_equal(found[0], found[1])
+
+
 def test_a_mixture_has_the_brightness_of_both_its_colours() -> None:
     """What the converted model reflects at normal incidence is as bright as what the older one says."""
     rng = np.random.default_rng(3)
@@ -261,6 +278,13 @@ def test_an_index_of_zero_leaves_the_reflection_to_its_colour(tmp_path: Path) ->
     extensions = {"KHR_materials_ior": {"ior": 0}, "KHR_materials_specular": {"specularColorFactor": [0.5, 1, 0]}}
     material, _ = the_material(tmp_path, extensions=extensions)
     np.testing.assert_allclose(0.04 * material.specular_colour, [0.5, 1, 0])
+
+
+@pytest.mark.parametrize("index", [0, 0.4])
+def test_a_film_has_an_index_of_at_least_1(index: float, tmp_path: Path) -> None:
+    film = {"iridescenceFactor": 1, "iridescenceIor": index}
+    with pytest.raises(SceneError, match=rf"iridescenceIor is {index:g}, but must be a number, at least 1"):
+        the_material(tmp_path, extensions={"KHR_materials_iridescence": film})
 
 
 def test_unlit_shows_its_colour_as_emission(tmp_path: Path) -> None:
