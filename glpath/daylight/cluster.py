@@ -14,7 +14,7 @@ import queue
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -93,13 +93,11 @@ def computed_by(
     try:
         cluster.share(shared)
         report(len(found), count)
-        # Closed at once, because signal handlers are replaced until then.
-        with contextlib.closing(shards.come()) as arriving:
-            for number, part in arriving:
-                found[number] = part
-                if kept is not None:
-                    kept.keep(found)
-                report(len(found), count)
+        for number, part in shards.come():
+            found[number] = part
+            if kept is not None:
+                kept.keep(found)
+            report(len(found), count)
     except BaseException:
         if kept is not None:
             kept.keep(found, last=True)
@@ -119,7 +117,7 @@ class _Shards:
         self._tries: Counter[int] = Counter()
         self._warned: set[str] = set()  # texts of workers' warnings that were given already
 
-    def come(self) -> Generator[tuple[int, DaylightCoefficients]]:
+    def come(self) -> Iterator[tuple[int, DaylightCoefficients]]:
         """Yield the index (from 1) and the coefficients of each missing shard, in order of arrival."""
         for number in self._wanted:
             self._submit(number)

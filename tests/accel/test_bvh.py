@@ -110,9 +110,10 @@ def test_tree_does_not_depend_on_the_boxes_per_call(monkeypatch: pytest.MonkeyPa
 def test_build_ends_at_a_time_limit(monkeypatch: pytest.MonkeyPatch, threads: int) -> None:
     corners, clock = random_boxes(3000), Clock(monkeypatch)
     monkeypatch.setattr(bvh, "_BOXES_PER_CALL", 100)
-    with limited(1.0), pytest.raises(TimeLimitError, match="time_limit=1: over while building the BVH"):
+    with limited(1.0):
         clock.ahead = 3.0
-        build_in_threads(np.concatenate(corners, axis=1), threads) if threads else build_bvh(*corners)
+        with pytest.raises(TimeLimitError, match="time_limit=1: over while building the BVH"):
+            build_in_threads(np.concatenate(corners, axis=1), threads) if threads else build_bvh(*corners)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])

@@ -111,9 +111,9 @@ class _Part:
 class ViewFactorCheckpoint(CheckpointFile):
     """Checkpoint file of the finished rows, which its owner keeps until the matrix is saved.
 
-        with ViewFactorCheckpoint(Path("F.npz.part")) as checkpoint:
-            view_factors(faces, resume=checkpoint).save("F.npz")
-            checkpoint.remove()
+    with ViewFactorCheckpoint(Path("F.npz.part")) as checkpoint:
+        view_factors(faces, resume=checkpoint).save("F.npz")
+        checkpoint.remove()
     """
 
     holder = "a matrix of view factors that resumes from it"

@@ -496,7 +496,9 @@ def test_saved_rows_that_no_call_writes_are_refused(
     saved = dict(np.load(part))
     np.savez(tmp_path / "wrong.npz", **{**saved, name: np.array(values, saved[name].dtype)})
     (tmp_path / "wrong.npz").rename(part)
-    with pytest.raises(ImageError, match=f"rows.part: cannot be read as view factors to resume: {message}") as error:
+    with pytest.raises(
+        ImageError, match=f"rows.part: cannot be read as view factors to resume: {message}"
+    ) as error:
         glpath.view_factors(faces, resume=part)
     assert "Remove it to begin anew." in str(error.value)
 
