@@ -14,13 +14,14 @@ Ray Tracing, 33-40.
 from __future__ import annotations
 
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from glpath.accel.nodes import Bvh, Tree
-from glpath.errors import TimeLimitError, UsageError
+from glpath.errors import UsageError
 from glpath.system.kernels import inner_kernel, kernel, kernel_part
 from glpath.system.machine import core_count
 from glpath.system.time_limit import check_time
@@ -36,6 +37,10 @@ NODE_COST = 2.0
 _ALONE = 1 << 14
 # Number of subtrees per thread in large trees, so that no thread waits long for the last subtree.
 _SHARES = 8
+# Number of boxes, counted at each level of the tree, after which a build checks the time: about 0.1 seconds.
+_BOXES_PER_CALL = 1 << 22
+# Time between two checks while threads build, seconds.
+_CHECK_INTERVAL = 0.1
 
 
 def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
@@ -54,8 +59,10 @@ def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
         raise UsageError(f"build_bvh: leaf_size is {leaf_size}; allowed is a whole number from 1.")
     boxes = np.concatenate([low, high], axis=1)
     count = len(boxes)
-    tree = Tree.empty(count)
-    return tree.bvh(_build(boxes, 0, count, int(leaf_size), count, 0, tree, _Workspace.of(count, boxes.dtype)))
+    tree, work = Tree.empty(count), _Workspace.of(count, boxes.dtype)
+    while (end := _build(boxes, 0, count, int(leaf_size), count, 0, tree, work, _BOXES_PER_CALL)) < 0:
+        check_time("building the BVH")
+    return tree.bvh(end)
 
 
 def build_in_threads(boxes: NDArray[Any], threads: int | None = None) -> Bvh:
@@ -76,19 +83,23 @@ def build_in_threads(boxes: NDArray[Any], threads: int | None = None) -> Bvh:
 
     def build(begin: int, end: int, node: int) -> list[tuple[int, int, int]]:
         work = _Workspace.of(min(end - begin, alone), boxes.dtype)
-        _build(boxes, begin, end, 1, alone, node, tree, work)
+        while _build(boxes, begin, end, 1, alone, node, tree, work, _BOXES_PER_CALL) < 0:
+            if stopped.is_set():
+                return []
         return [(int(a), int(b), int(at)) for a, b, at in work.left_over if a < b]
 
+    stopped = Event()
     with ThreadPoolExecutor(threads) as pool:
         running: set[Future[list[tuple[int, int, int]]]] = {pool.submit(build, 0, count, 0)}
-        while running:
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            try:
+        try:
+            while running:
+                done, running = wait(running, _CHECK_INTERVAL, FIRST_COMPLETED)
                 check_time("building the BVH")
-            except TimeLimitError:
-                pool.shutdown(wait=True, cancel_futures=True)
-                raise
-            running |= {pool.submit(build, *part) for each in done for part in each.result()}
+                running |= {pool.submit(build, *part) for each in done for part in each.result()}
+        except BaseException:
+            stopped.set()
+            pool.shutdown(cancel_futures=True)
+            raise
     return tree.bvh(max(2 * count - 1, 0))
 
 
@@ -109,23 +120,28 @@ def checked_boxes(lower: ArrayLike, upper: ArrayLike) -> tuple[Float64, Float64]
 
 
 @kernel
-def _build(boxes, begin, end, leaf_size, alone, node, tree, work):  # type: ignore[no-untyped-def]
+def _build(boxes, begin, end, leaf_size, alone, node, tree, work, limit):  # type: ignore[no-untyped-def]
     """Fill the nodes over items `begin` to `end`, depth first, from index `node` on; return the next node's index.
 
-    Permutes `boxes` along with the tree's order, so that the items of each node are contiguous. With one item a
-    leaf, children with more than `alone` items are left over for other threads.
+    Returns -1 if nodes over `limit` items were filled and others are left; another call with the same arguments
+    continues. Permutes `boxes` along with the tree's order, so that the items of each node are contiguous. With one
+    item a leaf, children with more than `alone` items are left over for other threads.
     """
     skip, first, count = tree.skip, tree.first, tree.items
     pending, centres, halves, left_over = work.pending, work.centres, work.halves, work.left_over
-    start, waiting, left = node, 0, 0
-    left_over[:] = 0
-    if end > begin:
+    start, waiting, left = node, work.reached[0], work.reached[2]
+    if waiting:
+        node = work.reached[1]
+    elif end > begin:
         pending[0, 0], pending[0, 1] = begin, end
         _clear(centres, 0)
         for i in range(begin, end):
             _enclose_centre(centres, 0, boxes, i)
         waiting = 1
     while waiting:
+        if limit < 0:
+            work.reached[0], work.reached[1], work.reached[2] = waiting, node, left
+            return -1
         waiting -= 1
         begin, end = pending[waiting, 0], pending[waiting, 1]
         if end - begin > alone and node > start:
@@ -133,6 +149,7 @@ def _build(boxes, begin, end, leaf_size, alone, node, tree, work):  # type: igno
             left += 1
             node += 2 * (end - begin) - 1
             continue
+        limit -= end - begin
         middle = _split(boxes, begin, end, leaf_size, tree, node, work, waiting)
         first[node] = begin
         skip[node] = node + 2 * (end - begin) - 1  # for one item a leaf; otherwise replaced below
@@ -162,6 +179,7 @@ class _Workspace(NamedTuple):
     right_cost   : (BINS,) cost of all bins from each bin to the last
     around       : (1, 6), box around the bins visited so far
     left_over    : (2, 3), begin, end and node of ranges that were not built; zeros for none
+    reached      : (3,), numbers of ranges still to build, of the next node and of ranges left over; zeros at first
     """
 
     pending: NDArray[np.int64]
@@ -172,6 +190,7 @@ class _Workspace(NamedTuple):
     right_cost: Float64
     around: NDArray[Any]
     left_over: NDArray[np.int64]
+    reached: NDArray[np.int64]
 
     @classmethod
     def of(cls, items: int, dtype: DTypeLike) -> _Workspace:
@@ -185,6 +204,7 @@ class _Workspace(NamedTuple):
             np.empty(BINS),
             np.empty((1, 6), dtype),
             np.zeros((2, 3), np.int64),
+            np.zeros(3, np.int64),
         )
 
 

@@ -27,6 +27,7 @@ from glpath.bake.xatlas_workers import atlas_of
 from glpath.errors import GlpathError, SceneError, UsageError, warn
 from glpath.scene import Scene
 from glpath.scene.geometry import Float64, Mesh
+from glpath.system.machine import core_count
 from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
@@ -189,7 +190,7 @@ def packed(
 def _check_time(
     scene: Scene, parts: list[Part], size: int | None, texels: float | None, say: Callable[[str], None] | None
 ) -> None:
-    """Raise UsageError, before the work begins, if charts cannot fit a page or would take too long."""
+    """Raise UsageError or TimeLimitError, before the work begins, if charts cannot fit a page or take too long."""
     triangles = sum(len(part) for part, _, _ in parts)
     scene_name = scene.source or scene.name
     if texels is None and size is not None and len(parts) * (1 + _MIN_PADDING) ** 2 > size * size:
@@ -206,6 +207,7 @@ def _check_time(
             f"about {seconds / 60:.0f} minutes of processor time.",
             'Simplify the model, or bake a part of it; or keep texture coordinates that the file has: uv="keep".',
         )
+    check_time(_PACKING, seconds / core_count())
     if say is not None and seconds > _REPORTED_SECONDS:
         say(
             f"atlas of {triangles:,} sides of triangles in {len(parts):,} pieces: about {seconds:.0f} s of "

@@ -31,7 +31,7 @@ from glpath.cli.unattended import SOLVING, check_absent, left_in, watched
 from glpath.errors import ImageError, UsageError
 from glpath.film.choices import TIME_LIMIT
 from glpath.io.completed import aside
-from glpath.system.files import check_outputs, check_separate, check_writable, rescued, save_all
+from glpath.system.files import check_outputs, check_separate, check_writable, save_all
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
@@ -202,18 +202,15 @@ def radiosity(
         if checkpoint is not None and not run.resume:
             check_absent(checkpoint.path)
         with watched(run.silence, left_in(checkpoint.path if checkpoint is not None else None), SOLVING):
+            solution: RadiositySolution | None
             if radiosity is not None:
-                solution: RadiositySolution | None = result_of(lambda: _loaded(radiosity, loaded))
+                solution, complete = result_of(lambda: _loaded(radiosity, loaded)), True
             else:
-                solution = _solve(loaded, options, run.mode)
+                solution, complete = _solve(loaded, options, run.mode)
         lift_limit()
-        if checkpoint is not None and by_scheduler():
+        if checkpoint is not None and by_scheduler() and not complete:
             if checkpoint.failure is not None:
-                rescue = checkpoint.rescue
-                # The checkpoint has rescued nothing if the signal came during a step or after the last one.
-                if solution is not None and not rescue:
-                    rescue = rescued({"solution.npz": solution.save}, _RESCUE)
-                raise ImageError(checkpoint.failure, rescue)
+                raise ImageError(checkpoint.failure, checkpoint.rescue)
             say(f"glpath: ended by a signal: --resume continues from {checkpoint.path}", err=True)
             raise typer.Exit(RESUME_LATER)
         if solution is not None:
@@ -247,16 +244,19 @@ def _checkpoint(out: Sequence[Path], run: RunRequest) -> SolverCheckpoint | None
     return SolverCheckpoint(path, *run.interval)
 
 
-def _solve(scene: Scene, options: dict[str, Any], mode: str) -> RadiositySolution | None:
-    """Return the solution. After an interruption it is partial, or None if nothing was solved."""
+def _solve(scene: Scene, options: dict[str, Any], mode: str) -> tuple[RadiositySolution | None, bool]:
+    """Return the solution, and True if it is complete.
+
+    After an interruption the solution is partial, or None if nothing was solved.
+    """
     from glpath.radiosity import RadiosityInterrupted, solve_radiosity
 
     try:
         with reporting(mode, sys.stderr, _event) as report:
-            return result_of(lambda: solve_radiosity(scene, **options, on_progress=report))
+            return result_of(lambda: solve_radiosity(scene, **options, on_progress=report)), True
     except RadiosityInterrupted as stop:
         interrupted()
-        return stop.solution
+        return stop.solution, False
 
 
 def _shafts(words: list[str] | None) -> ShaftOptions | None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,14 +18,14 @@ from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import exit_code, result_of
 from glpath.cli.typed import typed_command
 from glpath.cli.values import check_choice
-from glpath.errors import UsageError
-from glpath.system.files import check_outputs, is_stream, rescued, save_all, short_name
+from glpath.errors import GlpathError, UsageError
+from glpath.system.files import check_outputs, check_writable, is_stream, rescued, save_all, short_name
 from glpath.system.reporting import ProgressEvent, duration, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
-    from glpath.radiosity.view_factors.compute import ViewFactorProgress
+    from glpath.radiosity.view_factors.compute import ViewFactorCheckpoint, ViewFactorProgress
     from glpath.radiosity.view_factors.result import ViewFactors
     from glpath.scene import Scene
 
@@ -116,31 +116,39 @@ def viewfactors(
         with geometry_alone():
             faces = read_scene(scene, parameters)
     check_outputs(out, [scene])
-    part = out[0].with_name(short_name("", out[0].name, ".part")) if run.resume else None
+    checkpoint = _checkpoint(out[0]) if run.resume else None
 
     def compute() -> ViewFactors:
         from glpath.radiosity.view_factors.compute import view_factors
 
         with reporting(run.mode, sys.stderr, _event) as report:
-            return view_factors(faces, groups=groups, error=error, flip=flip, resume=part, on_progress=report)
+            return view_factors(faces, groups=groups, error=error, flip=flip, resume=checkpoint, on_progress=report)
 
-    try:
-        found = result_of(compute)
-    except KeyboardInterrupt as stop:
-        say(f"glpath: interrupted: {_kept(part)}", err=True)
-        if part is not None:
-            say(f"  to resume: {typed_command(context)}", err=True)
-        raise typer.Exit(exit_code()) from stop
-    rescue, kept = {"viewfactors.npz": found.save}, "The matrix is kept in {}."
-    if wanted:
+    # The checkpoint stays, and stays locked, until all outputs are saved, because a later step may fail.
+    with checkpoint or nullcontext():
         try:
-            found = found.enforced(reciprocity="reciprocity" in wanted, closure="closure" in wanted)
-        except UsageError as failed:
-            failed.remedy = f"{failed.remedy}\n{rescued(rescue, kept)}"
-            raise
-    _, failure = save_all(dict.fromkeys(out, found.save), rescue, kept)
-    if failure is not None:
-        raise failure
+            found = result_of(compute)
+        except KeyboardInterrupt as stop:
+            say(f"glpath: interrupted: {_kept(checkpoint)}", err=True)
+            if checkpoint is not None:
+                say(f"  to resume: {typed_command(context)}", err=True)
+            raise typer.Exit(exit_code()) from stop
+        rescue, kept = {"viewfactors.npz": found.save}, "The matrix is kept in {}."
+        if wanted:
+            try:
+                found = found.enforced(reciprocity="reciprocity" in wanted, closure="closure" in wanted)
+            except Exception as failed:  # any error, even a bug of ours, must not lose the matrix
+                where = rescued(rescue, kept)
+                if isinstance(failed, GlpathError):
+                    failed.remedy = f"{failed.remedy}\n{where}"
+                else:
+                    say(f"glpath: {where}", err=True)
+                raise
+        _, failure = save_all(dict.fromkeys(out, found.save), rescue, kept)
+        if failure is not None:
+            raise failure
+        if checkpoint is not None:
+            checkpoint.remove()
     if run.talks:
         for line in _summary(found):
             say(line, err=True)
@@ -148,10 +156,19 @@ def viewfactors(
             say(f"wrote {path}", err=True)
 
 
-def _kept(part: Path | None) -> str:
-    if part is None:
+def _checkpoint(out: Path) -> ViewFactorCheckpoint:
+    """Return the checkpoint of --resume, which is beside the first output."""
+    from glpath.radiosity.view_factors.compute import ViewFactorCheckpoint
+
+    path = out.with_name(short_name("", out.name, ".part"))
+    check_writable(path)
+    return ViewFactorCheckpoint(path)
+
+
+def _kept(checkpoint: ViewFactorCheckpoint | None) -> str:
+    if checkpoint is None:
         return "nothing is kept; --resume keeps the rows that are done"
-    return f"the rows that are done are in {part}" if os.path.exists(part) else "no row was done yet"
+    return f"the rows that are done are in {checkpoint.path}" if checkpoint.found() else "no row was done yet"
 
 
 def _summary(found: ViewFactors) -> Iterator[str]:

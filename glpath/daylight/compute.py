@@ -464,7 +464,7 @@ def _words_of_pass(
     """
     done, found, shares = 0, None, None
     if kept is not None:
-        done, found = kept.read(key, (-(-len(directions) // WORD), rays.count))
+        done, found = kept.read(key, (-(-len(directions) // WORD), rays.count), rays.chunks)
     if found is None or rays.transmits:
         resident, shares = rays.see_out_of_resident(directions)
         found = resident if found is None else found

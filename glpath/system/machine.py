@@ -11,6 +11,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from glpath.system.heartbeat import heartbeat
+
 # Maximum number of threads of this process; None: no limit.
 _max_threads: int | None = None
 
@@ -61,7 +63,8 @@ def in_threads(count: int, size: int, work: Callable[[int, int], object]) -> Non
             work(begin, count)
         return
     with ThreadPoolExecutor(core_count()) as pool:
-        list(pool.map(lambda begin: work(begin, min(begin + size, count)), begins))
+        for _ in pool.map(lambda begin: work(begin, min(begin + size, count)), begins):
+            heartbeat.beat()
 
 
 def limit_threads(count: int) -> None:

@@ -27,6 +27,7 @@ from pathlib import Path
 
 from glpath.errors import TimeLimitError, UsageError
 from glpath.system.arguments import short_repr
+from glpath.system.heartbeat import heartbeat
 from glpath.system.machine import posix_module
 
 _os = posix_module("posix")
@@ -225,16 +226,20 @@ def preparing_scene() -> Iterator[None]:
         yield
 
 
-def check_time(doing: str | None = None) -> None:
-    """Raise TimeLimitError if the limit and its grace are over.
+def check_time(doing: str | None = None, estimate: float = 0.0) -> None:
+    """Raise TimeLimitError if the limit and its grace are over, or will be when the next call returns.
 
-    doing : current work for the message, such as "building the BVH"; None: the work of the enclosing `named_work`.
-            Without `doing` and outside of `named_work`, the time is not checked
+    Report to the watchdog that a part of the work is finished.
+
+    doing    : current work for the message, such as "building the BVH"; None: the work of the enclosing
+               `named_work`. Without `doing` and outside of `named_work`, the time is not checked
+    estimate : seconds that the next call will take at least, if nothing can end it
     """
+    heartbeat.beat()
     limit, doing = _limit.get(), doing or _work.get()
-    if limit is None or doing is None or time.perf_counter() < limit.ends + limit.grace:
+    if limit is None or doing is None or time.perf_counter() + estimate < limit.ends + limit.grace:
         return
-    raise TimeLimitError(
-        f"time_limit={limit.seconds:g}: over while {doing}, before there was a result.",
-        "Give it more time.",
-    )
+    over = f"over while {doing}, before there was a result"
+    if time.perf_counter() < limit.ends + limit.grace:
+        over = f"{doing} would take about {estimate:.2g} s, more than is left"
+    raise TimeLimitError(f"time_limit={limit.seconds:g}: {over}.", "Give it more time.")

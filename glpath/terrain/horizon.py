@@ -40,8 +40,11 @@ Report = Callable[[ProgressEvent], None]
 
 #: Default number of azimuths for sky view factors.
 AZIMUTHS = 64
-#: Number of points whose rays a thread traces in one task.
+#: Maximum number of points whose rays a thread traces in one task.
 _CHUNK = 1 << 13
+#: Maximum number of rays of a task, which then takes about a second. A task has at least `_MIN_CHUNK` points.
+_CHUNK_RAYS = 1 << 19
+_MIN_CHUNK = 64
 #: Number of samples that a thread sums in one task.
 _PART = 1 << 18
 #: Maximum length of a normal. Rounding may make a unit normal slightly longer or shorter than 1.
@@ -228,7 +231,7 @@ class Horizon:
                 toward = (math.sin(azimuth), math.cos(azimuth))
                 add_sky(tangents, self._normals_of(begin, end), toward, width, sums[begin:end])
 
-        self._in_parts(add, _CHUNK, "sky view factors")
+        self._in_parts(add, _chunk(self.azimuths), "sky view factors")
 
     def _sums(self, azimuth: ArrayLike, altitude: ArrayLike, weight: ArrayLike, name: str) -> Float64:
         suns = self._suns(azimuth, altitude, weight, name)
@@ -242,7 +245,7 @@ class Horizon:
             receivers[:, 3:] = self._normals_of(begin, end) * np.array([1.0, -1.0, 1.0], np.float32)
             add_suns(self.field.heights, *self._pyramid, receivers, suns, sums[begin:end])
 
-        self._in_parts(add, _CHUNK, "suns")
+        self._in_parts(add, _chunk(len(suns)), "suns")
         return sums
 
     def _suns(self, azimuth: ArrayLike, altitude: ArrayLike, weight: ArrayLike, name: str) -> Float64:
@@ -304,6 +307,11 @@ class Horizon:
         if missing.any():
             values[missing] = np.nan
         return values.reshape(self.shape)
+
+
+def _chunk(rays: int) -> int:
+    """Return the number of points of a task; each point has so many rays, at least 1."""
+    return min(_CHUNK, max(_MIN_CHUNK, _CHUNK_RAYS // rays))
 
 
 @checked

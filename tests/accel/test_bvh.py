@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from itertools import product
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ from hypothesis.extra import numpy as hnp
 from glpath.accel import bvh
 from glpath.accel.bvh import BINS, build_bvh, build_in_threads
 from glpath.accel.nodes import Bvh
-from glpath.errors import UsageError
+from glpath.errors import TimeLimitError, UsageError
+from glpath.system.time_limit import limited
 from tests.support.box_trees import boxes, check, coordinates, random_boxes
+from tests.support.clock import Clock
 
 
 def overlapping(tree: Bvh, lower: np.ndarray, upper: np.ndarray, query: np.ndarray) -> list[int]:
@@ -88,6 +91,29 @@ def test_threads_build_the_same_tree(monkeypatch: pytest.MonkeyPatch, threads: i
     assert found.lower.dtype == dtype
     for name in ("lower", "upper", "skip", "first", "count", "order"):
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
+
+
+@pytest.mark.parametrize("leaf_size", [1, 4])
+def test_tree_does_not_depend_on_the_boxes_per_call(monkeypatch: pytest.MonkeyPatch, leaf_size: int) -> None:
+    corners = random_boxes(3000)
+    whole = build_bvh(*corners, leaf_size)
+    monkeypatch.setattr(bvh, "_BOXES_PER_CALL", 100)
+    monkeypatch.setattr(bvh, "_ALONE", 50)
+    found = [build_bvh(*corners, leaf_size)]
+    if leaf_size == 1:
+        found.append(build_in_threads(np.concatenate(corners, axis=1), 2))
+    for tree, name in product(found, ("lower", "upper", "skip", "first", "count", "order")):
+        np.testing.assert_array_equal(getattr(tree, name), getattr(whole, name))
+
+
+@pytest.mark.parametrize("threads", [0, 2])
+def test_build_ends_at_a_time_limit(monkeypatch: pytest.MonkeyPatch, threads: int) -> None:
+    corners, clock = random_boxes(3000), Clock(monkeypatch)
+    monkeypatch.setattr(bvh, "_BOXES_PER_CALL", 100)
+    with limited(1.0):
+        clock.ahead = 3.0
+        with pytest.raises(TimeLimitError, match="time_limit=1: over while building the BVH"):
+            build_in_threads(np.concatenate(corners, axis=1), threads) if threads else build_bvh(*corners)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])

@@ -18,11 +18,12 @@ from glpath.bake.lightmap import Surfaces
 from glpath.bake.overlaps import overlapping
 from glpath.bake.sides import Sides, _lit
 from glpath.cli.main import app
-from glpath.errors import GlpathError, SceneWarning, UsageError
+from glpath.errors import GlpathError, SceneWarning, TimeLimitError, UsageError
 from glpath.io import load_scene
 from glpath.scene import Scene
 from glpath.scene.sight import winding_number
 from glpath.scene.triangulate import path_traceable
+from glpath.system.time_limit import limited
 from tests.support.gltf_files import ReadGlb
 
 pytest.importorskip("xatlas")
@@ -291,6 +292,14 @@ def test_what_would_take_an_hour_is_refused_with_an_estimate(monkeypatch: pytest
     many = scene_of(*(box(0.1, (x, y, 0)) for x in range(10) for y in range(10)), **SKY)
     with pytest.raises(UsageError, match="has 100 meshes and instances"):
         Surfaces.of(many, size=16)
+
+
+def test_atlas_that_takes_longer_than_the_time_left_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(atlas, "_packed", None)  # is not reached
+    monkeypatch.setattr(atlas, "_SECONDS_EACH", 2.0)
+    monkeypatch.setattr(atlas, "core_count", lambda: 4)
+    with limited(7.0), pytest.raises(TimeLimitError, match=r"time_limit=7: making the atlas would take about 12 s"):
+        atlas.packed(scene_of(box(), **SKY), np.ones((12, 2)), None, 256)  # 24 sides, by 4 cores
 
 
 def test_instances_share_their_charts(monkeypatch: pytest.MonkeyPatch) -> None:

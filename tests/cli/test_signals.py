@@ -269,30 +269,37 @@ class Solution:
         path.touch()
 
 
-@pytest.mark.parametrize("whole", [True, False])
 @pytest.mark.usefixtures("default_sigterm")
 def test_solution_is_rescued_if_its_checkpoint_cannot_be_written(
-    whole: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def struck(scene: object, options: dict[str, Any], mode: str) -> Solution:
+    def struck(scene: object, options: dict[str, Any], mode: str) -> tuple[Solution, bool]:
         def save(path: Path) -> None:
             if path == options["checkpoint"].path:
                 raise glpath.ImageError(f"{path}: cannot be written: No space left on device.")
             path.write_text("the solver's state")
 
-        options["checkpoint"].written_by(save, 1)
         interrupted(signal.SIGTERM)
-        if whole:
-            options["checkpoint"].written_by(save, 2, last=True)
-        return Solution()
+        options["checkpoint"].written_by(save, 2, last=True)
+        return Solution(), False
 
     monkeypatch.setattr("glpath.cli.radiosity._solve", struck)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "--checkpoint", "1h")
     (rescued,) = tmp_path.glob("glpath-*/*")
-    assert rescued.name == ("s.checkpoint.npz" if whole else "solution.npz")
+    assert rescued.name == "s.checkpoint.npz"
     assert (done.exit_code, f"is kept in {rescued};" in done.stderr) == (1, True), done.stderr
     assert f"glpath: error: {tmp_path / 's.checkpoint.npz'}: cannot be written: No space" in done.stderr
+
+
+@pytest.mark.usefixtures("default_sigterm")
+def test_solution_that_is_complete_when_a_signal_comes_is_saved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("glpath.radiosity.solve_radiosity", lambda *_, **__: Solution())
+    monkeypatch.setattr("glpath.cli.radiosity.lift_limit", lambda: signal.raise_signal(signal.SIGTERM))
+    done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "-q", "--resume")
+    assert (done.exit_code, [path.name for path in tmp_path.iterdir()]) == (0, ["s.npz"]), done.stderr
 
 
 @pytest.mark.parametrize(("resume", "code"), [(["--resume"], 75), ([], 130)])
@@ -300,11 +307,11 @@ def test_solution_is_rescued_if_its_checkpoint_cannot_be_written(
 def test_check_of_a_saved_solution_ends_at_a_signal(
     resume: list[str], code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def solve(scene: object, options: dict[str, Any], mode: str) -> Solution:
+    def solve(scene: object, options: dict[str, Any], mode: str) -> tuple[Solution, bool]:
         hold()
         if resume:
             options["checkpoint"].path.touch()
-        return Solution()
+        return Solution(), True
 
     def struck(*_: object) -> None:
         signal.raise_signal(signal.SIGTERM)

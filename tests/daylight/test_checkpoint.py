@@ -121,7 +121,7 @@ def test_checkpoint_that_becomes_a_link_is_replaced_by_a_file(
     if isinstance(kept, KeptWords):
         kept.read("0" * 64, 2, False)
     elif isinstance(kept, KeptPass):
-        kept.read("0" * 64, (3, 2))
+        kept.read("0" * 64, (3, 2), 3)
     write(2)
     part.rename(victim)
     part.symlink_to(victim) if link == "symbolic" else os.link(victim, part)
@@ -151,11 +151,87 @@ def test_file_that_ends_within_its_first_line_counts_as_missing(size: int, tmp_p
     for kept, head in ((KeptWords, kept_words._HEAD), (KeptPass, kept_words._STREAM_HEAD)):
         path = tmp_path / kept.__name__
         path.write_bytes(head.format(key).encode()[:size])
-        found = kept(path).read(key, 2, False) if kept is KeptWords else kept(path).read(key, (1, 2))
+        found = kept(path).read(key, 2, False) if kept is KeptWords else kept(path).read(key, (1, 2), 1)
         assert found in ([], (0, None))
         path.write_bytes(b"glpath of others"[: max(8, size)] + b"x" * 100)
         with pytest.raises(ImageError, match="holds the words of other sensors"):
-            kept(path).read(key, 2, False) if kept is KeptWords else kept(path).read(key, (1, 2))
+            kept(path).read(key, 2, False) if kept is KeptWords else kept(path).read(key, (1, 2), 1)
+
+
+def saved_words(path: Path, words: np.ndarray) -> KeptWords:
+    """Save all words one by one, after the first two."""
+    kept = KeptWords(path)
+    kept.read("0" * 64, words.shape[1], False)
+    for done in range(2, len(words) + 1):
+        kept.keep(done, words, None, last=False)
+    return kept
+
+
+@pytest.mark.parametrize("damage", ["changed", "zeros", "repeated", "cut off"])
+def test_words_end_at_the_first_damaged_record_and_are_written_anew(damage: str, tmp_path: Path) -> None:
+    path, words = tmp_path / "part", np.arange(10, dtype=np.uint32).reshape(5, 2)
+    saved_words(path, words)
+    content = path.read_bytes()
+    start, size = len(content) - 5 * 12, 12  # each record has two words of 4 bytes, and a checksum of 4
+    third = slice(start + 2 * size, start + 3 * size)
+    record = {
+        "changed": bytes([content[third][0] ^ 1]) + content[third][1:],
+        "zeros": bytes(size),
+        "repeated": content[third.start - size : third.start],
+        "cut off": content[third][:7],
+    }[damage]
+    path.write_bytes(content[: third.start] + record + (b"" if damage == "cut off" else content[third.stop :]))
+    kept = KeptWords(path)
+    found = kept.read("0" * 64, 2, False)
+    assert np.array_equal([word for word, _ in found], words[:2])
+    kept.keep(5, words, None, last=False)
+    assert path.read_bytes() == content
+
+
+def test_appended_words_reach_the_disk_within_an_interval_and_at_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flushed: list[int] = []
+    words = np.arange(10, dtype=np.uint32).reshape(5, 2)
+    with monkeypatch.context() as patch:
+        patch.setattr(kept_words, "_FLUSH_SECONDS", 1e6)
+        kept = saved_words(tmp_path / "part", words)  # the first two words are in a new file, which is flushed
+        patch.setattr(os, "fsync", flushed.append)
+        kept.keep(5, words, None, last=False)
+        assert len(flushed) == 0
+        kept.keep(5, words, None, last=True)
+        assert len(flushed) == 1
+        patch.setattr(kept_words, "_FLUSH_SECONDS", 0.0)
+        kept.keep(5, words, None, last=False)
+    assert len(flushed) == 2
+
+
+@pytest.mark.parametrize(
+    ("at", "value", "message"),
+    [(0, 5, "it has 5 chunks, of a stream of 4"), (0, 2, "it has a wrong checksum"), (9, 1, "a wrong checksum")],
+)
+def test_damaged_pass_over_a_stream_is_refused(at: int, value: int, message: str, tmp_path: Path) -> None:
+    kept, words = KeptPass(tmp_path / "part"), np.zeros((3, 2), np.uint32)
+    kept.read("0" * 64, words.shape, 4)
+    kept.keep(3, words, last=False)
+    done, found = KeptPass(kept.path).read("0" * 64, words.shape, 4)
+    assert (done, np.array_equal(found, words)) == (3, True)
+    content = bytearray(kept.path.read_bytes())
+    start = len(content) - 8 - words.nbytes - 4
+    assert content[start] == 3
+    content[start + at] = value
+    kept.path.write_bytes(content)
+    with pytest.raises(ImageError, match=f"part: is damaged: .*{message}") as error:
+        KeptPass(kept.path).read("0" * 64, words.shape, 4)
+    assert "Remove it to begin anew." in str(error.value)
+
+
+@pytest.mark.parametrize("kind", ["", "stream "])
+def test_words_of_an_earlier_version_are_refused(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "part"
+    path.write_bytes(f"glpath daylight {kind}1 {'0' * 64}\n".encode() + bytes(32))
+    with pytest.raises(ImageError, match="or of another version of glpath"):
+        KeptPass(path).read("0" * 64, (3, 2), 4) if kind else KeptWords(path).read("0" * 64, 2, False)
 
 
 def test_full_disk_does_not_end_the_computation_and_later_words_are_kept(
@@ -183,7 +259,7 @@ def test_full_disk_does_not_end_the_computation_and_later_words_are_kept(
     head = part.read_bytes()[: len(kept_words._HEAD.format("0" * 64))].decode()
     words = kept.read(head.split()[-1], len(AT), False)
     assert np.array_equal([seen.word for seen in words], whole.words)
-    assert size == len(head) + whole.words.size * 4
+    assert size == len(head) + whole.words.size * 4 + len(whole.words) * 4  # a checksum of 4 bytes for each word
 
 
 def test_words_that_a_full_disk_refuses_are_rescued_at_a_signal(

@@ -10,6 +10,7 @@ import pytest
 
 from glpath.errors import TimeLimitError
 from glpath.system import time_limit
+from glpath.system.heartbeat import heartbeat
 from glpath.system.time_limit import (
     GRACE,
     check_time,
@@ -49,6 +50,23 @@ def test_what_must_be_done_has_a_second_more(clock: Clock) -> None:
         with pytest.raises(TimeLimitError, match="time_limit=2: over while building the BVH"):
             check_time("building the BVH")
     check_time("what comes later")
+
+
+def test_a_single_call_that_ends_too_late_is_not_begun(clock: Clock) -> None:
+    with limited(10.0):
+        clock.ahead = 4.0
+        check_time("reading a.png", 6.0 + 0.9 * GRACE)
+        with pytest.raises(TimeLimitError, match=r"time_limit=10: reading a.png would take about 7.1 s, more than"):
+            check_time("reading a.png", 6.0 + 1.1 * GRACE)
+    check_time("reading a.png", 1e9)
+
+
+def test_the_watchdog_hears_of_each_check(monkeypatch: pytest.MonkeyPatch) -> None:
+    beats: list[int] = []
+    monkeypatch.setattr(heartbeat, "listener", lambda: beats.append(1))
+    check_time()
+    check_time("building the BVH")
+    assert len(beats) == 2
 
 
 def test_what_may_be_left_out_has_half_of_the_time_that_is_left(clock: Clock) -> None:

@@ -147,6 +147,25 @@ def test_sun_hours_are_those_of_a_march_for_each_sun() -> None:
         assert found[r, c] == np.count_nonzero(np.tan(np.radians(altitude)) > tangents)
 
 
+@pytest.mark.parametrize(("suns", "largest"), [(10, 1024), (64, 1024), (1024, 512), (50_000, 64)])
+def test_a_task_is_short_whatever_the_number_of_suns(
+    suns: int, largest: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A ray takes a microsecond, and an interruption waits for a task: 2^19 rays at most, or 64 points."""
+    sizes: list[int] = []
+    monkeypatch.setattr("glpath.terrain.horizon.add_suns", lambda *given: sizes.append(len(given[-3])))
+    horizon(np.zeros((32, 32))).sun_hours(np.linspace(0, 360, suns), np.full(suns, 30.0))
+    assert (sum(sizes), max(sizes)) == (32 * 32, largest)
+
+
+def test_a_task_is_short_whatever_the_number_of_azimuths(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[int] = []
+    monkeypatch.setattr("glpath.terrain.horizon.tangents_at", lambda *given: sizes.append(len(given[-3])))
+    monkeypatch.setattr("glpath.terrain.horizon.add_sky", lambda *_: None)
+    horizon(np.zeros((32, 32)), height=1.0, azimuths=720).sky_view_factor()
+    assert (sum(sizes), max(sizes)) == (720 * 32 * 32, 728)  # 728 points have 2^19 rays of 720 azimuths
+
+
 def test_direct_irradiation_has_the_cosine_to_the_surface() -> None:
     level, slope = horizon(FLAT, [[5.0, -5.0]]), horizon(FLAT, [[5.0, -5.0, 1.0]], [0.0, -1.0, 1.0])
     # North, and south in front of a surface that faces half up, half south.

@@ -29,6 +29,7 @@ from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Environment, Float64, Light
+from glpath.system.heartbeat import heartbeat
 from glpath.system.kernels import kernel
 from glpath.system.machine import core_count
 
@@ -276,6 +277,7 @@ class DirectLight:
         end = distance * (1 - _NEAR_LIGHT)
         free = np.empty(wi.shape)
         _free(self._surfaces, points, triangle, np.ascontiguousarray(wi), end, np.empty((2, 3)), free)
+        heartbeat.beat()
         return free
 
 

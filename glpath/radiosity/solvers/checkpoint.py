@@ -32,12 +32,10 @@ _FORMAT = 2
 
 
 class Solver(Protocol):
-    """Solver whose state can be stored; `whole` is False while a step changes the state."""
-
-    whole: bool
+    """Solver whose state can be stored."""
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return all data that the solution depends on."""
+        """Return all data that the solution depends on, complete even if a signal interrupted a step."""
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Resume from a state."""
@@ -98,9 +96,7 @@ class SolverCheckpoint(CheckpointFile):
             self.write(solver, step, elapsed_s)
 
     def write(self, solver: Solver, step: int, elapsed_s: float, last: bool = False) -> None:
-        """Write the state now, unless a step is changing it; `last` is as in `written_by`."""
-        if not solver.whole:
-            return  # a signal came during a step; the previous file is still valid
+        """Write the state now; `last` is as in `written_by`."""
 
         def save(path: Path) -> None:
             with whole_file(path) as temporary, temporary.open("wb") as file:

@@ -8,10 +8,18 @@ Cost:     memory grows with the square of the number of patches, time for the so
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from typing import Any
+
 import numpy as np
 
 from glpath.radiosity.form_factors.transport import Transport
 from glpath.scene.model import Float64
+from glpath.system.heartbeat import heartbeat
+
+# Time between two reports to the watchdog during a call, seconds.
+_BEAT_INTERVAL = 1.0
 
 
 def solve_matrix(transport: Transport) -> Float64:
@@ -20,7 +28,7 @@ def solve_matrix(transport: Transport) -> Float64:
     factors = t.matrix()
     count = len(t.sides)
     between = np.zeros((count, count))
-    np.add.at(between, t.patch, factors * t.share[:, None])
+    _run_with_beats(np.add.at, between, t.patch, factors * t.share[:, None])
     lit = t.from_lights()
     first = t.sides.emission + t.sent_on(lit)
     radiosity = np.empty((count, 3))
@@ -30,9 +38,19 @@ def solve_matrix(transport: Transport) -> Float64:
             other = np.flatnonzero(t.behind >= 0)
             behind = t.behind[other]
             system[other] -= t.sides.transmittance[behind, c, None] * between[behind]
-        radiosity[:, c] = np.linalg.solve(system, first[:, c])
+        radiosity[:, c] = _run_with_beats(np.linalg.solve, system, first[:, c])
     exact = factors.astype(np.float64)
     return np.stack([lit + exact @ t.sides.emission, exact @ (radiosity - t.sides.emission)])
+
+
+def _run_with_beats(function: Callable[..., Any], *given: Any) -> Any:
+    """Return the result of a call, which may take minutes, and report to the watchdog meanwhile."""
+    with ThreadPoolExecutor(1) as pool:
+        running = pool.submit(function, *given)
+        while wait([running], _BEAT_INTERVAL).not_done:
+            heartbeat.beat()
+        heartbeat.beat()
+        return running.result()
 
 
 def matrix_bytes(elements: int, patches: int) -> int:

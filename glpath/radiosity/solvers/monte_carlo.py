@@ -129,7 +129,6 @@ class Shooting:
     lit        : (2, E, 3) irradiance of the mesh's elements by lights that are not patches, without particles
     view       : (2,) sums over batches of x and of x^2; 0 without a camera. x is `BATCH` times the mean radiance
                  that a gather adds to the camera's image
-    whole      : False while the sums change, so that a signal handler does not store them half changed
     """
 
     mesh: Mesh
@@ -142,6 +141,8 @@ class Shooting:
     tree: Quadtree = field(init=False)
     flux: Float64 = field(init=False)
     square: Float64 = field(init=False)
+    view: Float64 = field(init=False)
+    _seen: Float64 | None = field(init=False)
 
     def __post_init__(self) -> None:
         scene = self.mesh.scene
@@ -187,17 +188,22 @@ class Shooting:
 
     def _count_on(self, tree: Quadtree) -> None:
         """Start anew, with the lattices of `tree` and no particles."""
-        self.whole = False
-        self.tree, divisions = tree, tree.finest
-        self._surfaces = self._surfaces.on_lattices(divisions)
-        self.flux = np.zeros((2, 2, int((divisions**2).sum()), 3))
-        self.square = np.zeros(self.flux.shape[1:3])
-        self.view = np.zeros(2)
-        self.particles = self.hits = 0
-        self._seen = None
+        divisions = tree.finest
+        flux = np.zeros((2, 2, int((divisions**2).sum()), 3))
+        seen = None
         if self._gathered is not None:
-            self._seen = np.stack([tree.of_coarse(self._gathered[..., c]) for c in range(3)], axis=2)
-        self.whole = True
+            seen = np.stack([tree.of_coarse(self._gathered[..., c]) for c in range(3)], axis=2)
+        # One call sets all fields, so that a signal handler never interrupts between two of them.
+        vars(self).update(
+            tree=tree,
+            _surfaces=self._surfaces.on_lattices(divisions),
+            flux=flux,
+            square=np.zeros(flux.shape[1:3]),
+            view=np.zeros(2),
+            particles=0,
+            hits=0,
+            _seen=seen,
+        )
 
     def detail(self) -> Detail:
         """Return the elements within which the light found so far changes by more than the threshold.
@@ -406,17 +412,21 @@ class Shooting:
             for start in range(first, first + batches, threads):
                 numbers = range(start, min(start + threads, first + batches))
                 for arrivals, hits in pool.map(self._batch, numbers):
-                    self.whole = False
-                    self.flux += arrivals.flux
-                    self.square += arrivals.square
-                    if self._seen is not None:
-                        # Only indirect light counts, because a gather traces direct light itself.
-                        seen = float((self._seen * arrivals.flux[INDIRECT]).sum()) / 3
-                        self.view += seen, seen * seen
-                    self.hits += hits
-                    self.particles += BATCH
-                    self.whole = True
+                    # Signals interrupt only the main thread. So the sums are added in another thread, which ends
+                    # before this block is left.
+                    pool.submit(self._add, arrivals, hits).result()
                 on_batch()
+
+    def _add(self, arrivals: Arrivals, hits: int) -> None:
+        """Add a batch to the sums."""
+        self.flux += arrivals.flux
+        self.square += arrivals.square
+        if self._seen is not None:
+            # Only indirect light counts, because a gather traces direct light itself.
+            seen = float((self._seen * arrivals.flux[INDIRECT]).sum()) / 3
+            self.view += seen, seen * seen
+        self.hits += hits
+        self.particles += BATCH
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return all data that the solution depends on, for `restore`."""

@@ -39,9 +39,7 @@ class Refinement:
                  reflect
     shot       : (2, Q, 3) radiosity that the patches' sides have shot: [0] emitted, [1] reflected
     unshot     : (Q, 3) radiosity that they have not shot; below 0 after overshooting
-    steps      : number of shots
     splits     : list with an (E,) bool for each refinement in order, True for the elements that were split
-    whole      : False while the fields above change, so that a signal handler does not store them half changed
     """
 
     def __init__(self, transport: Transport, overshoot: bool = False) -> None:
@@ -52,10 +50,15 @@ class Refinement:
         first = transport.sent_on(lit)
         self.unshot: Float64 = transport.sides.emission + first
         self.shot: Float64 = np.zeros((2, *self.unshot.shape))
-        self.steps = 0
+        self._steps = np.zeros(1, np.int64)
         self.splits: list[NDArray[np.bool_]] = []
-        self.whole = True
+        self._before_split: dict[str, NDArray[Any]] | None = None
         self._emitted = float((self.unshot.sum(axis=1) * transport.areas).sum())
+
+    @property
+    def steps(self) -> int:
+        """Number of shots."""
+        return int(self._steps[0])
 
     def _energy(self) -> Float64:
         """Return (Q,), the unshot energy of each patch's side, summed over the channels' absolute values."""
@@ -80,14 +83,11 @@ class Refinement:
             # Purgathofer 1992).
             rest = (self.unshot * t.areas[:, None]).sum(axis=0) - sent * t.areas[side]
             sent += np.maximum(t.sides.reflectance[side] * rest / t.areas.sum(), 0.0)
-        self.whole = False
         surfaces = _Surfaces(
             t.sides.emission, t.elements.reflectance, t.elements.transmittance, t.share, t.patch, t.behind, t.areas
         )
-        light = _Light(self.irradiance, self.shot, self.unshot)
+        light = _Light(self.irradiance, self.shot, self.unshot, self._steps)
         received = _shoot(side, sent, column, surfaces, light, np.empty((2, 3)))
-        self.steps += 1
-        self.whole = True
         return float(received / t.areas[side])
 
     def run(self, until: float, max_count: int, on_step: Callable[[float], None]) -> None:
@@ -132,15 +132,20 @@ class Refinement:
             which &= change >= np.sort(change[which])[-max_count] if max_count > 0 else False
         if not which.any():
             return 0
-        self.whole = False
+        self._before_split = self.state()
         self.irradiance = t.refine(which, self.irradiance, self.shot)
         self.unshot = t.sides.emission + t.sent_on(self.irradiance.sum(axis=0)) - self.shot.sum(axis=0)
         self.splits.append(which)
-        self.whole = True
+        self._before_split = None
         return int(which.sum())
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return all data that the solution depends on, except form factors, for `restore`."""
+        """Return all data that the solution depends on, except form factors, for `restore`.
+
+        If a split was interrupted, this is the state before it.
+        """
+        if self._before_split is not None:
+            return self._before_split
         took = self.transport.statistics
         return {
             "irradiance": self.irradiance,
@@ -166,7 +171,7 @@ class Refinement:
                     f"`{name}` is of another mesh: {state[name].shape}, {getattr(self, name).shape} here"
                 )
             setattr(self, name, np.array(state[name]))
-        self.steps = int(state["steps"])
+        self._steps[0] = state["steps"]
         rays, shafts, empty = map(int, state["took"])
         self.transport.statistics += Statistics(rays=rays, shafts=shafts, empty_shafts=empty)
 
@@ -201,25 +206,28 @@ class _Surfaces(NamedTuple):
 
 
 class _Light(NamedTuple):
-    """Light arrays of `Refinement` for the kernels."""
+    """Arrays of `Refinement` for the kernels; `steps` is the (1,) number of shots."""
 
     irradiance: Float64
     shot: Float64
     unshot: Float64
+    steps: NDArray[np.int64]
 
 
 @kernel
 def _shoot(side, sent, column, surfaces, light, parts):  # type: ignore[no-untyped-def]
     """Shoot the radiosity `sent` (3,) of a patch's side; return the sum over receivers of form factor times area.
 
-    The emission is shot first, all of it in the patch's first shot. The rest of `sent` is reflected light.
+    The emission is shot first, all of it in the patch's first shot. The rest of `sent` is reflected light. Signal
+    handlers do not interrupt a kernel, so the light and the number of shots always agree.
 
     column : (R,) form factors from the elements to the patch's side
 
     parts : (2, 3) working memory
     """
     emission, reflectance, transmittance, share, patch, behind, areas = surfaces
-    irradiance, shot, unshot = light
+    irradiance, shot, unshot, steps = light
+    steps[0] += 1
     for c in range(3):
         parts[0, c] = emission[side, c] - shot[0, side, c]
         parts[1, c] = sent[c] - parts[0, c]

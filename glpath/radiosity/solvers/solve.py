@@ -443,9 +443,8 @@ def _monte_carlo(
             wanted = round(asked * elements / len(shooting.mesh.elements))
             if time_is_up():  # refined lattices would start anew, without particles
                 raise TimeLimitError("time_limit: over before the lattices are refined.")
-            before = shooting.state()
+            coarser = shooting.state()  # before the call, because a signal may come at its end
             if shooting.deepen(detail):
-                coarser = before
                 batches = min(wanted, max(asked, _MAX_BATCHES))
                 continue
             view = shooting.view_error()

@@ -108,6 +108,18 @@ class _Part:
     counts: Int64
 
 
+class ViewFactorCheckpoint(CheckpointFile):
+    """Checkpoint file of the finished rows, which its owner keeps until the matrix is saved.
+
+    with ViewFactorCheckpoint(Path("F.npz.part")) as checkpoint:
+        view_factors(faces, resume=checkpoint).save("F.npz")
+        checkpoint.remove()
+    """
+
+    holder = "a matrix of view factors that resumes from it"
+    work = "the matrix"
+
+
 @checked
 def view_factors(
     faces: Any,
@@ -117,7 +129,7 @@ def view_factors(
     enforce: Sequence[Property] = (),
     flip: bool = False,
     threads: int | None = None,
-    resume: str | Path | None = None,
+    resume: str | Path | ViewFactorCheckpoint | None = None,
     on_progress: Report | None = None,
 ) -> ViewFactors:
     """Compute the matrix of view factors between the fronts of faces, with all occlusion.
@@ -147,8 +159,8 @@ def view_factors(
     flip        : True if corners are clockwise seen from the front, as for the inside of a model
     threads     : maximum number of threads; None for one per core, which is also the limit
     resume      : checkpoint file for finished rows, written every 20 seconds and on interruption. Another call with
-                  the same faces and error resumes from it. It is removed at the end. Only one process can use it at
-                  a time
+                  the same faces and error resumes from it. It is removed at the end; a `ViewFactorCheckpoint` is
+                  removed by the caller. Only one process can use it at a time
     on_progress : function that is called with a `ViewFactorProgress`
 
     Raises SceneError for faces that are not flat or not finite, if no face has an area, and for infinite planes.
@@ -178,9 +190,9 @@ def view_factors(
         raise UsageError(f"view_factors: error is {short_repr(error)}; allowed are numbers from 1e-7 to 0.1.")
     if threads is not None and not (isinstance(threads, int | np.integer) and threads >= 1):
         raise UsageError(f"view_factors: threads is {short_repr(threads)}; allowed are whole numbers from 1.")
-    if resume is not None:
+    if isinstance(resume, str | Path):
         check_writable(resume)
-    kept = None if resume is None else _Rows(Path(resume), _SAVE_INTERVAL)
+    kept = ViewFactorCheckpoint(Path(resume)) if isinstance(resume, str | Path) else resume
     run = _Run(error, min(threads or core_count(), core_count()), kept, on_progress)
     with ExitStack() as held:
         if kept is not None:
@@ -192,7 +204,7 @@ def view_factors(
         _warn_of_backs(found, given.source)
         if corrections:
             found = found.enforced(reciprocity="reciprocity" in corrections, closure="closure" in corrections)
-        if kept is not None:
+        if kept is not None and kept is not resume:
             kept.remove()
     return found
 
@@ -231,23 +243,20 @@ def kernels_of() -> tuple[Any, ...]:
     return (bvh._build, exchange_rows, back_rays)
 
 
-class _Rows(CheckpointFile):
-    """Checkpoint file of the finished rows."""
-
-    holder = "a matrix of view factors that resumes from it"
-    work = "the matrix"
-
-
 class _Run:
     """State of one call of `view_factors`."""
 
-    def __init__(self, error: float, threads: int, kept: _Rows | None, on_progress: Report | None) -> None:
+    def __init__(
+        self, error: float, threads: int, kept: ViewFactorCheckpoint | None, on_progress: Report | None
+    ) -> None:
         self.error, self.threads, self.kept, self.on_progress = error, threads, kept, on_progress
         self.started = time.perf_counter()
         self.reported = -math.inf
         self.parts: list[_Part] = []
         self.task = _TASK
         self.bytes = self.granted = 0
+        if kept is not None:
+            kept.seconds = _SAVE_INTERVAL
 
     def compiling(self, text: str) -> None:
         self._report(text, 0, 0, True)
@@ -262,7 +271,7 @@ class _Run:
         # Every 16th task comes first, so that the memory of all rows can be estimated early.
         order = np.concatenate([tasks[k::16] for k in (0, *range(1, 16))])
         if self.kept is not None and self.kept.found():
-            self.parts = [_read_part(self.kept.path, key)]
+            self.parts = [_read_part(self.kept.path, key, len(tasks), faces.row_count)]
         done = np.isin(order, np.concatenate([np.zeros(0, np.int64), *(part.tasks for part in self.parts)]))
         self.rows_done = min(int(done.sum()) * self.task, total)
         pending = deque(order[~done].tolist())
@@ -300,6 +309,8 @@ class _Run:
                 self._report("rows", self.rows_done, total, not left)
                 if self.kept is not None and self.kept.due(self.rows_done):
                     self._save(self.kept, key)
+            if self.kept is not None and running:  # a killed process would lose all rows since the last save
+                self._save(self.kept, key)
             backs = back_shares(
                 where, is_closed(faces.outlines), self.error, self.threads, stop,
                 lambda: self._report("backs", total, total, False),
@@ -344,7 +355,7 @@ class _Run:
         self.reported = elapsed
         self.on_progress(ViewFactorProgress(stage, done, total, 2 * self._factors(), self.bytes, elapsed))
 
-    def _save(self, kept: _Rows, key: str, last: bool = False) -> None:
+    def _save(self, kept: ViewFactorCheckpoint, key: str, last: bool = False) -> None:
         if not self.parts:
             return
         part = _joined(self.parts)
@@ -470,7 +481,8 @@ def _joined(parts: list[_Part]) -> _Part:
     return _Part(all_of("tasks"), all_of("i"), all_of("j"), all_of("exchange"), all_of("error"), counts)
 
 
-def _read_part(path: Path, key: str) -> _Part:
+def _read_part(path: Path, key: str, task_count: int, row_count: int) -> _Part:
+    """Read the rows of an earlier call. Raises ImageError for other work, and for values that no call writes."""
     with open_npz(path, "view factors to resume", "Remove it to begin anew.") as arrays:
         if str(arrays.read("key", "U", ())) != key:
             raise ImageError(
@@ -479,7 +491,16 @@ def _read_part(path: Path, key: str) -> _Part:
             )
         tasks, i = arrays.read("tasks", "i", (None,)), arrays.read("i", "i", (None,))
         n = len(i)
-        return _Part(
+        part = _Part(
             tasks, i, arrays.read("j", "i", (n,)), arrays.read("exchange", "f", (n,)),
             arrays.read("error", "f", (n,)), arrays.read("counts", "i", (len(COUNT_NAMES),)),
         )  # fmt: skip
+        for name, count in (("tasks", task_count), ("i", row_count), ("j", row_count)):
+            values = getattr(part, name)
+            if len(values) and not 0 <= values.min() <= values.max() < count:
+                raise ValueError(f"`{name}` has {values.min()} to {values.max()}, expected 0 to {count - 1}")
+        if len(np.unique(tasks)) != len(tasks):
+            raise ValueError("`tasks` has a number twice")
+        if not (np.isfinite(part.exchange) & (part.exchange >= 0)).all():
+            raise ValueError("`exchange` has values that are negative or not finite")
+        return part

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +15,10 @@ from glpath.radiosity.mesh.mesh import Elements, Mesh, divisions_of_size, size_f
 from glpath.radiosity.mesh.reconstruct import resample
 from glpath.radiosity.mesh.sides import sub_triangles
 from glpath.radiosity.solution import DIRECT, INDIRECT
+from glpath.radiosity.solvers import matrix
 from glpath.radiosity.solvers.progressive import Refinement
 from glpath.scene import path_traceable
+from glpath.system.heartbeat import heartbeat
 from tests.reference.closed_forms import facing_plates_radiance, polygon_irradiance
 from tests.support.rooms import cuboid, part, rectangle, room, room_with_a_ball, with_triangles
 
@@ -418,6 +421,24 @@ def test_what_the_path_tracer_does_not_know_is_refused():
 def test_a_mesh_that_does_not_fit_is_refused_before_it_is_made(lit_box, options):
     with pytest.raises(UsageError, match=r"would need about [\d.e+]+ GB of memory; there are"):
         solve_radiosity(lit_box, **options)
+
+
+def test_watchdog_hears_of_a_matrix_while_it_is_solved(lit_box, monkeypatch):
+    beats, heard = [], []
+    exact = np.linalg.solve
+
+    def solve(*given):
+        before, until = len(beats), time.monotonic() + 1.0
+        while len(beats) == before and time.monotonic() < until:
+            time.sleep(0.001)
+        heard.append(len(beats) > before)
+        return exact(*given)
+
+    monkeypatch.setattr(matrix, "_BEAT_INTERVAL", 0.01)
+    monkeypatch.setattr(np.linalg, "solve", solve)
+    monkeypatch.setattr(heartbeat, "listener", lambda: beats.append(1))
+    solve_radiosity(lit_box, method="matrix", patches=12, receiver_points=1)
+    assert heard == [True] * 3  # for each channel
 
 
 def test_a_matrix_that_does_not_fit_is_refused(lit_box, monkeypatch):

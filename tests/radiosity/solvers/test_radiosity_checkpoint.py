@@ -19,7 +19,12 @@ from typer.testing import CliRunner, Result
 import glpath
 from glpath import RadiositySolution, solve_radiosity
 from glpath.cli.main import app
+from glpath.radiosity import RadiosityInterrupted
+from glpath.radiosity.form_factors.transport import Transport
+from glpath.radiosity.solvers import progressive
 from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
+from glpath.radiosity.solvers.monte_carlo import Shooting
+from glpath.radiosity.solvers.particles import Surfaces
 from glpath.radiosity.solvers.progressive import Refinement
 from glpath.system import files
 from tests.support.clock import Clock
@@ -204,6 +209,92 @@ def test_a_limit_soon_after_finer_lattices_began_keeps_the_particles_of_the_coar
     clock.ahead = 0.0
     before = solve_radiosity(BOX, time_limit=100.0, on_progress=late, **options)
     assert same(found, before)
+
+
+class StruckArray(np.ndarray):
+    """Array at whose first use a signal comes."""
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        signal.raise_signal(signal.SIGINT)
+        return getattr(ufunc, method)(*map(np.asarray, inputs), **options)
+
+
+def strike_batch(patch: pytest.MonkeyPatch) -> None:
+    """Let a signal come while the fourth batch of particles is added."""
+
+    def struck(shooting: Shooting, number: int) -> Any:
+        arrivals, hits = batch(shooting, number)
+        return arrivals._replace(square=arrivals.square.view(StruckArray)) if number == 3 else arrivals, hits
+
+    batch = Shooting._batch
+    patch.setattr(Shooting, "_batch", struck)
+
+
+def strike_call(owner: Any, name: str, number: int) -> Callable[[pytest.MonkeyPatch], None]:
+    """Let a signal come at the end of a function's call of this number."""
+
+    def strike(patch: pytest.MonkeyPatch) -> None:
+        function, left = getattr(owner, name), [number]
+
+        def struck(*given: Any) -> Any:
+            found = function(*given)
+            left[0] -= 1
+            if not left[0]:
+                raise KeyboardInterrupt
+            return found
+
+        patch.setattr(owner, name, struck)
+
+    return strike
+
+
+@pytest.mark.parametrize(
+    ("options", "strike", "name", "count"),
+    [
+        ({**METHODS[2], "adaptive": 0, "particles": 6 << 14}, strike_batch, "particles", 4 << 14),
+        ({**METHODS[0], "unshot": 0.3}, strike_call(progressive, "_shoot", 3), "steps", 3),
+        ({**METHODS[1], "unshot": 0.5, "adaptive": 1}, strike_call(Transport, "refine", 1), "steps", None),
+    ],
+    ids=["batch", "shot", "split"],
+)
+def test_a_signal_within_a_step_loses_nothing(
+    options: dict[str, Any], strike: Any, name: str, count: int | None, tmp_path: Path
+) -> None:
+    """The checkpoint has no interval, as that of --resume alone."""
+    whole, path = solve_radiosity(BOX, **options), tmp_path / "s.checkpoint.npz"
+    with pytest.MonkeyPatch.context() as patch:
+        strike(patch)
+        with pytest.raises(RadiosityInterrupted) as stop:
+            solve_radiosity(BOX, checkpoint=SolverCheckpoint(path), **options)
+    assert stop.value.solution is not None
+    if count is not None:
+        assert stop.value.solution.statistics[name] == count
+    assert same(solve_radiosity(BOX, checkpoint=SolverCheckpoint(path), **options), whole)
+    assert path.exists(), "the last solution resumed from it"
+
+
+@pytest.mark.parametrize(
+    "strike", [strike_call(Surfaces, "on_lattices", 2), strike_call(Shooting, "deepen", 1)], ids=["within", "after"]
+)
+def test_a_signal_while_lattices_are_refined_keeps_the_particles_of_the_coarser_ones(
+    strike: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options: dict[str, Any] = {"method": "monte-carlo", "patches": 100, "particles": 12 << 14, "adaptive": 4}
+
+    def interrupt(progress: glpath.RadiosityProgress) -> None:
+        if progress.steps == 12 << 14:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("glpath.radiosity.solvers.solve._REPORT_INTERVAL", 0.0)
+    with pytest.raises(RadiosityInterrupted) as first:
+        solve_radiosity(BOX, on_progress=interrupt, **options)
+    strike(monkeypatch)
+    with pytest.raises(RadiosityInterrupted) as stop:
+        solve_radiosity(BOX, **options)
+    assert first.value.solution is not None
+    assert stop.value.solution is not None
+    assert stop.value.solution.statistics["particles"] == 12 << 14
+    assert same(stop.value.solution, first.value.solution)
 
 
 def test_a_time_limit_of_what_has_no_steps_is_refused() -> None:

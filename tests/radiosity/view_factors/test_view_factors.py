@@ -38,7 +38,7 @@ from benchmarks.view_factor_scenes import (
     slats,
 )
 from glpath.cli.main import app
-from glpath.errors import GlpathError, SceneError, UsageError
+from glpath.errors import GlpathError, ImageError, SceneError, UsageError
 from glpath.radiosity.view_factors import compute
 from glpath.radiosity.view_factors.backs import back_shares
 
@@ -462,6 +462,47 @@ def test_an_interrupted_matrix_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
         glpath.view_factors(box_faces([0, 0, 0], [1, 1, 1], 6, inward=True), resume=part)
 
 
+def test_all_rows_are_saved_before_backs_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Backs may take minutes, in which the process may be killed. The last periodic save lacks some rows."""
+    faces, part = box_faces([0, 0, 0], [1, 1, 1], 2, inward=True), tmp_path / "rows.part"
+
+    def killed(*_: object) -> None:
+        with np.load(part) as saved:
+            assert sorted(saved["tasks"]) == list(range(6))  # of 4 rows each
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(compute, "back_shares", killed)
+    with pytest.raises(KeyboardInterrupt):
+        glpath.view_factors(faces, resume=part)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("i", [2], "`i` has 2 to 2, expected 0 to 1"),
+        ("j", [-1], "`j` has -1 to -1, expected 0 to 1"),
+        ("tasks", [1], "`tasks` has 1 to 1, expected 0 to 0"),
+        ("tasks", [0, 0], "`tasks` has a number twice"),
+        ("exchange", [-0.2], "`exchange` has values that are negative or not finite"),
+        ("exchange", [math.inf], "`exchange` has values that are negative or not finite"),
+    ],
+)
+def test_saved_rows_that_no_call_writes_are_refused(
+    name: str, values: list[float], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    faces, part = np.array([FLOOR, LAMP], float), tmp_path / "rows.part"
+    with compute.ViewFactorCheckpoint(part) as checkpoint:
+        glpath.view_factors(faces, resume=checkpoint)
+    saved = dict(np.load(part))
+    np.savez(tmp_path / "wrong.npz", **{**saved, name: np.array(values, saved[name].dtype)})
+    (tmp_path / "wrong.npz").rename(part)
+    with pytest.raises(
+        ImageError, match=f"rows.part: cannot be read as view factors to resume: {message}"
+    ) as error:
+        glpath.view_factors(faces, resume=part)
+    assert "Remove it to begin anew." in str(error.value)
+
+
 def test_a_matrix_continues_where_its_rows_cannot_be_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -635,9 +676,9 @@ def test_the_command_reports_backs_and_rows_that_miss_the_error(
 def test_an_interrupted_command_names_what_is_kept_and_how_to_resume(
     resume: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(*_: object, **given: object) -> None:
+    def interrupted(*_: object, **given: Any) -> None:
         if given["resume"]:
-            Path(str(given["resume"])).touch()
+            given["resume"].path.touch()
         raise KeyboardInterrupt
 
     monkeypatch.setattr("glpath.radiosity.view_factors.compute.view_factors", interrupted)
@@ -670,6 +711,32 @@ def test_sigterm_ends_the_command_within_a_row(tmp_path: Path) -> None:
     assert time.monotonic() - start < 20  # of which the most is to load what ends it, on a machine that is busy
     assert running.returncode == 75
     assert "to resume: glpath viewfactors office" in said
+
+
+@pytest.mark.parametrize("step", ["enforced", "save"])
+def test_rows_stay_until_the_command_has_saved_the_matrix(
+    step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, part = stl(tmp_path / "model.stl"), tmp_path / "F.csv.part"
+    command = ["viewfactors", str(model), "-o", str(tmp_path / "F.csv"), "--flip", "--resume"]
+    command += ["--enforce", "closure,reciprocity"]
+
+    def fail(*_: object, **__: object) -> None:
+        with pytest.raises(GlpathError, match="has it already"), compute.ViewFactorCheckpoint(part):
+            pass
+        raise MemoryError
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with monkeypatch.context() as patch:
+        patch.setattr(glpath.ViewFactors, step, fail)
+        assert CliRunner().invoke(app, command).exit_code == 1
+    with np.load(part) as saved:
+        assert sorted(saved["tasks"]) == [0, 1, 2]  # of 4 of the 12 rows each
+    assert len(list(tmp_path.glob("glpath-*/viewfactors.npz"))) == (step == "enforced")
+    with monkeypatch.context() as patch:
+        patch.setattr(compute, "_task", fail)  # no row is computed again
+        assert CliRunner().invoke(app, command).exit_code == 0
+    assert (part.exists(), (tmp_path / "F.csv").exists()) == (False, True)
 
 
 def test_a_matrix_that_cannot_be_closed_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
