@@ -78,6 +78,27 @@ def test_a_mask_takes_whole_blocks_where_noise_is_known() -> None:
     assert padded(picture, (40, 50)).mean.shape == (40, 50, 3)
 
 
+@pytest.mark.parametrize(("kind", "white"), [(np.uint8, 255), (np.uint16, 65535), (np.float64, 1), (np.int64, 1)])
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_a_mask_ignores_what_is_brighter_than_half_of_white(kind, white, channels) -> None:
+    mask = np.zeros((8, 12, *channels), kind)
+    mask[2:5, 3:7] = white
+    mask[0] = white // 50  # nearly black
+    assert np.argwhere(mask_of(mask, (8, 12, 3))).tolist() == [[y, x] for y in (2, 3, 4) for x in range(3, 7)]
+
+
+def test_a_mask_of_the_whole_picture_is_refused() -> None:
+    picture = Picture(np.full((16, 20, 3), 0.5))
+    with pytest.raises(UsageError, match=r"ignore: takes all 320 pixels of the picture, so that nothing is"):
+        masked(picture, mask_of(np.ones((16, 20)), picture.mean.shape))
+    # One pixel of each block of 16 x 16 takes all blocks.
+    noisy = Picture(picture.mean, Noise(np.zeros((16, 20, 3)), np.full((2, 1, 2, 3), 0.5), np.full(2, 8)))
+    mask = mask_of([(15, 0, 2, 1)], picture.mean.shape)
+    assert masked(picture, mask).mean.any()
+    with pytest.raises(UsageError, match=r"in blocks of 16 x 16 pixels"):
+        masked(noisy, mask)
+
+
 def test_pictures_of_two_sizes_are_shown_padded(run: Run, suite, pytester: pytest.Pytester) -> None:
     suite(GREY.format(level=0.5))
     run()
