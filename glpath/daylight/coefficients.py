@@ -10,7 +10,7 @@ Source:   Tregenza & Waters 1983, Daylight coefficients; McNeil & Lee 2013, A va
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sized
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -169,7 +169,7 @@ class DaylightCoefficients:
 
     def direct_sky(self, rows: slice = slice(None)) -> Float32:
         """Return (n, P) float32 coefficients of `sky` without reflected light."""
-        chosen = range(len(self))[rows]
+        chosen = rows_of(self, rows)
         found = np.empty((len(chosen), len(self.patches)), np.float32)
         for first, last in self._blocks(len(chosen)):
             found[first:last] = self._summed(self._light(chosen[first:last], slice(0, self._in_sky)))
@@ -177,18 +177,18 @@ class DaylightCoefficients:
 
     def direct_sun(self, rows: slice = slice(None)) -> Float32:
         """Return (n, S) float32 coefficients of `sun` without reflected light."""
-        return self._light(range(len(self))[rows], slice(self._in_sky, len(self.directions)))
+        return self._light(rows_of(self, rows), slice(self._in_sky, len(self.directions)))
 
     def sunlight(self, rows: slice = slice(None)) -> Float32:
         """Return (n, S) float32 transmittance towards each sun position, without the cosine of incidence.
 
         It is 0 for positions behind a plane.
         """
-        return self._arrives(range(len(self))[rows], slice(self._in_sky, len(self.directions)))
+        return self._arrives(rows_of(self, rows), slice(self._in_sky, len(self.directions)))
 
     def indirect_sun(self, rows: slice = slice(None)) -> Float32:
         """Return (n, S) float32 coefficients of `sun`, reflected light only."""
-        nothing = np.zeros((len(range(len(self))[rows]), len(self.suns)), np.float32)
+        nothing = np.zeros((len(rows_of(self, rows)), len(self.suns)), np.float32)
         return self._with_indirect(nothing, rows, slice(len(self.patches), None))
 
     def irradiance(self, sky: ArrayLike, sun: ArrayLike | None = None) -> Float64:
@@ -380,6 +380,16 @@ class DaylightCoefficients:
                 return cls(**fields)
             except UsageError as error:
                 raise ValueError(error.message) from error
+
+
+def rows_of(sensors: Sized, rows: slice) -> range:
+    """Return the indices of some sensors. Raises UsageError for a slice of other values than whole numbers."""
+    try:
+        return range(len(sensors))[rows]
+    except (TypeError, ValueError) as error:
+        raise UsageError(
+            f"rows: {short_repr(rows)} where a slice of whole numbers is needed", "slice(0, 9) has the first nine."
+        ) from error
 
 
 def _shard(arrays: Arrays) -> Shard:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.daylight import metrics
-from glpath.daylight.coefficients import DaylightCoefficients
+from glpath.daylight.coefficients import DaylightCoefficients, rows_of
 from glpath.daylight.hourly_skies import HourlySkies, Quantity
 from glpath.daylight.receivers import response
 from glpath.errors import UsageError
@@ -105,10 +105,12 @@ class DaylightYear:
 
     def light(self, rows: slice = slice(None), quantity: Quantity = "illuminance") -> Float32:
         """Return (n, H) float32 light of some sensors in all hours, lx or W m^-2, with blinds as in `closed`."""
-        of = range(len(self))[rows]
+        of = rows_of(self, rows)
         found = np.zeros((len(of), len(self.weather.times)), np.float32)
         for first, last in blocks(len(of), len(self.skies)):
-            part = slice(of.start + first * of.step, of.start + last * of.step, of.step)
+            some = of[first:last]
+            # A range that runs down to index 0 stops at -1, which a slice would count from the end.
+            part = slice(some.start, some.stop if some.stop >= 0 else None, some.step)
             found[first:last, self.skies.hours] = _light(self, part, quantity)
         return found
 

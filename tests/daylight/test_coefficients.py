@@ -358,3 +358,10 @@ def test_a_file_with_wrong_fields_is_refused_by_name(tmp_path: Path) -> None:
         np.savez(tmp_path / "bad.npz", **{**arrays, "weight": -RIGHT.weight})
     with pytest.raises(ImageError, match=r"bad.npz: cannot be read as daylight coefficients: weight\[0\]: -"):
         DaylightCoefficients.load(tmp_path / "bad.npz")
+
+
+@pytest.mark.parametrize("rows", [slice("a", None), slice(None, 1.5), slice(None, None, 0)])
+def test_a_slice_of_sensors_has_whole_numbers(rows: slice) -> None:
+    for method in (RIGHT.sky, RIGHT.sun, RIGHT.sunlight, RIGHT.indirect_sun):
+        with pytest.raises(UsageError, match="rows: slice.* where a slice of whole numbers"):
+            method(rows)
