@@ -113,6 +113,7 @@ def test_wrong_usage_of_a_year_is_refused_before_anything_is_computed(tmp_path: 
         ((*year, "--weather", tmp_path / "none.epw"), "none.epw"),
         ((*year, "--weather", epw, "--latitude", 40), "--latitude"),
         ((*year, "--weather", epw, "--occupied", "8"), "8-18"),
+        ((*year, "--weather", epw, "--threshold", "inf"), "a finite number above 0"),
         ((*year[:3], "--weather", epw), "No --points"),
         (("cornell-box", "-o", tmp_path / "dc.npz", "--points", sensors, "--blinds", "office"), "--weather"),
         ((tmp_path / "dc.npz", "-o", tmp_path / "other.npz"), "has coefficients already"),

@@ -240,7 +240,8 @@ def test_what_does_not_fit_is_refused(
         ({"coefficients": coefficients(GROUND, latitude=-33.0)}, "of latitude -33"),
         ({"blinds": behind_wall}, "other points"),
         ({"occupied": (18, 8)}, "two hours"),
-        ({"threshold": 0.0}, "more than 0"),
+        ({"threshold": 0.0}, "a finite number above 0"),
+        ({"threshold": np.inf}, "a finite number above 0"),
         ({"ground": 1.5}, "albedo"),
     ):
         given: dict[str, Any] = {"coefficients": open_ground, **arguments}
