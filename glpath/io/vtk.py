@@ -144,7 +144,7 @@ class VtkMesh:
         return (
             '<?xml version="1.0" encoding="UTF-8"?>\n'
             f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
-            f'<{kind}><Piece {sizes}>\n{body}</Piece></{kind}>\n</VTKFile>\n'
+            f"<{kind}><Piece {sizes}>\n{body}</Piece></{kind}>\n</VTKFile>\n"
         )
 
 

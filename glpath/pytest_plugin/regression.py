@@ -75,7 +75,7 @@ class RenderRegression:
         self,
         subject: Subject,
         *,
-        mode: Mode= "",
+        name: str = "",
         mode: Mode | None = None,
         limits: Mapping[str, float] | None = None,
         ignore: Ignore | None = None,
@@ -313,7 +313,6 @@ class RenderRegression:
 @checked
 def _given(
     *,
-    name: str | None = None,
     mode: Mode | None = None,
     limits: Mapping[str, float] | None = None,
     baseline_path: str | Path | None = None,

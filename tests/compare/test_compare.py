@@ -56,7 +56,7 @@ def test_too_bright_is_red_and_too_dark_is_blue() -> None:
 @pytest.mark.parametrize("limit", [np.nan, np.inf, -1.0])
 def test_a_limit_of_differences_is_a_finite_number_from_0(limit: float) -> None:
     assert compare.percent_beyond(IMAGE, IMAGE, 0.0) == 0.0
-    with pytest.raises(UsageError, match="limit: .* where a finite number from 0"):
+    with pytest.raises(UsageError, match=r"limit: .* where a finite number from 0"):
         compare.percent_beyond(IMAGE, REFERENCE, limit)
 
 

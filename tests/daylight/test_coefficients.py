@@ -363,5 +363,5 @@ def test_a_file_with_wrong_fields_is_refused_by_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize("rows", [slice("a", None), slice(None, 1.5), slice(None, None, 0)])
 def test_a_slice_of_sensors_has_whole_numbers(rows: slice) -> None:
     for method in (RIGHT.sky, RIGHT.sun, RIGHT.sunlight, RIGHT.indirect_sun):
-        with pytest.raises(UsageError, match="rows: slice.* where a slice of whole numbers"):
+        with pytest.raises(UsageError, match=r"rows: slice.* where a slice of whole numbers"):
             method(rows)

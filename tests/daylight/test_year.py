@@ -199,7 +199,7 @@ def test_blocks_of_sensors_change_nothing(
         assert getattr(parted, name) == pytest.approx(getattr(whole, name), rel=1e-5)
     assert parted.light(slice(2, 0, -1)) == pytest.approx(whole.light()[[2, 1]], rel=1e-5)
     assert parted.light(slice(None, None, -1)) == pytest.approx(whole.light()[::-1], rel=1e-5)
-    with pytest.raises(UsageError, match="rows: slice.* where a slice of whole numbers"):
+    with pytest.raises(UsageError, match=r"rows: slice.* where a slice of whole numbers"):
         parted.light(slice("a", None))
 
 

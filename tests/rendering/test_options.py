@@ -178,11 +178,11 @@ def test_values_become_those_of_the_type() -> None:
 def test_an_array_of_another_size_is_refused_before_it_is_copied() -> None:
     endless = np.broadcast_to(0.5, (1 << 50,))  # a copy takes 8 PiB
     for value in (endless, np.zeros((3, 1)), [0.1, 0.2]):
-        with pytest.raises(glpath.UsageError, match="ambient: .* where 3 finite numbers are needed"):
+        with pytest.raises(glpath.UsageError, match=r"ambient: .* where 3 finite numbers are needed"):
             checked(PathBufferSettings(ambient=value))  # type: ignore[arg-type]
-    with pytest.raises(glpath.UsageError, match="ambient: .* where 3 finite numbers are needed"):
+    with pytest.raises(glpath.UsageError, match=r"ambient: .* where 3 finite numbers are needed"):
         lit(glpath.load_scene(BOX), False, ambient=endless)
-    with pytest.raises(glpath.SceneError, match="Scene.ambient: .* three finite numbers"):
+    with pytest.raises(glpath.SceneError, match=r"Scene.ambient: .* three finite numbers"):
         vector("Scene.ambient", endless)
 
 

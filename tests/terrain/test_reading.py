@@ -198,7 +198,7 @@ def test_a_geotiff_gives_its_georeference_to_results(tmp_path: Path) -> None:
 def test_a_coordinate_system_that_is_none_is_named(tmp_path: Path) -> None:
     pytest.importorskip("rasterio")
     found = horizon(HeightField(heights=np.zeros((3, 4)), spacing=(1.0, 1.0), crs="nonsense"))
-    with pytest.raises(glpath.ImageError, match="a.tif: cannot be written: "):
+    with pytest.raises(glpath.ImageError, match=r"a.tif: cannot be written: "):
         found.save(tmp_path / "a.tif", np.zeros((3, 4)))
     assert not list(tmp_path.iterdir())
 
