@@ -41,12 +41,12 @@ from glpath.integrators.settings import GEOMETRY_BUDGET, IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
 from glpath.rendering.options import RenderKeywords, whole_numbers, with_options
-from glpath.rendering.options import numbers as read_numbers
 from glpath.rendering.points import irradiance, lit
 from glpath.rendering.run_options import RunOptions
 from glpath.scene import Scene
+from glpath.scene.geometry import LARGEST
 from glpath.scene.triangulate import path_traceable
-from glpath.system.arguments import checked
+from glpath.system.arguments import check_array, checked
 from glpath.system.files import write_bytes
 
 Float64 = NDArray[np.float64]
@@ -139,7 +139,7 @@ class ProbeGrid:
                 raise UsageError("bounds: needed, because the scene has no surface.", "Give two corners of a box.")
             lower, upper = (np.asarray(corner, np.float64) + offset for corner in still.bounds)
         else:
-            lower, upper = read_numbers("bounds", np.ravel(np.asarray(bounds)), 6).reshape(2, 3)
+            lower, upper = check_array("bounds", bounds, (2, 3), (-LARGEST, LARGEST))
         if not (lower <= upper).all():
             raise UsageError(
                 f"bounds: from {lower.tolist()} to {upper.tolist()} where the lower corner comes first"

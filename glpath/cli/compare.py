@@ -89,8 +89,8 @@ def diff(
         if out.suffix.lower() != ".png":
             raise UsageError(f"{out}: the difference is written as .png only.")
         check_outputs([out], [image, reference])
-    if fail is not None and not fail >= 0:
-        raise UsageError(f"--fail {fail}: must be at least 0.")
+    if fail is not None and not 0 <= fail < math.inf:
+        raise UsageError(f"--fail {fail}: must be a finite number, at least 0.")
     if failpercent is not None:
         if fail is None:
             raise UsageError("--failpercent: says how many pixels, and --fail by how much: give both.")
@@ -154,11 +154,11 @@ def diff(
     reasons = []
     if verdict is not None and not verdict.passed:
         reasons.append(f"not the same by --mode {mode}")
-    if beyond is not None and failpercent is not None and beyond > failpercent:
+    if beyond is not None and failpercent is not None and not beyond <= failpercent:
         reasons.append(
             f"{beyond:.6g} % of the pixels differ by more than --fail {fail:g}, {failpercent:g} % allowed"
         )
-    if fail is not None and beyond is None and measured["relMSE"] > fail:
+    if fail is not None and beyond is None and not measured["relMSE"] <= fail:
         reasons.append(f"relMSE {measured['relMSE']:.6g} is above --fail {fail:g}")
     for reason in reasons:
         say(f"glpath: {reason}", err=True)

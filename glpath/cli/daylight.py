@@ -231,9 +231,11 @@ def daylight(
     lie on surfaces or be free. The scene needs neither camera nor light.
     """
     check_choice("--receiver", receiver, _RECEIVERS)
+    from_file = scene.lower().endswith(".npz")
+    if from_file and all(each.lower().endswith(".npz") for each in blinds or ()):
+        _check_computed(context, scene)
     texels = texel_request(receiver, texel_size, texel_shape, points, normal)
     shown = [path for path in out if path.suffix.lower() in SHOWN]
-    from_file = scene.lower().endswith(".npz")
     check_shown(shown, texels is not None or from_file, show, weather is not None)
     others = [path for path in out if path not in shown]
     year = year_request(weather, blinds or (), occupied, threshold, ground, hours, others, latitude)
@@ -334,6 +336,22 @@ def daylight(
             say(line, err=True)
         for path in out:
             say(f"wrote {path}", err=True)
+
+
+def _check_computed(context: typer.Context, coefficients: str) -> None:
+    """Raise UsageError for options of the computation, because the file `coefficients` has its result."""
+    unused = []
+    for option in context.command.params:
+        # The source is compared by name, because Typer may bundle its own copy of Click.
+        source = context.get_parameter_source(option.name or "")
+        computes = getattr(option, "rich_help_panel", None) in (_POINTS, _SKY, _BOUNCES) and option.name != "show"
+        if (computes or option.name == "parameters") and source is not None and source.name == "COMMANDLINE":
+            unused.append(option.opts[0])
+    if unused:
+        raise UsageError(
+            f"{', '.join(unused)}: not used, because {coefficients} has coefficients already.",
+            "Leave the options out, or name the scene to compute its coefficients.",
+        )
 
 
 def _computed(

@@ -84,9 +84,12 @@ def year_request(
         return None
     if latitude is not None:
         raise UsageError("--latitude: says nothing beside --weather, whose site has one.", "Leave it out.")
+    from glpath.daylight.year import check_settings
     from glpath.io.weather import read_weather
 
-    return YearRequest(read_weather(weather), _hours(occupied), threshold, ground, hours)
+    period = _hours(occupied)
+    check_settings(period, threshold, ground)
+    return YearRequest(read_weather(weather), period, threshold, ground, hours)
 
 
 def year_summary(year: DaylightYear) -> Iterator[str]:

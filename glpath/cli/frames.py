@@ -320,7 +320,7 @@ def _stops_before(frames: Frames, out: Sequence[Path]) -> float | None:
         for i in range(frames.first, frames.stop):
             there = frames.path(path, i)
             if path.suffix.lower() in EIGHT_BIT and there.is_file():
-                suppressed = contextlib.suppress(OSError, KeyError, ValueError)
+                suppressed = contextlib.suppress(OSError, KeyError, ValueError, TypeError, RecursionError)
                 with suppressed, Image.open(there, formats=("PNG", "JPEG")) as picture:
                     info = json.loads(picture.info["comment"]) if picture.format == "JPEG" else picture.info
                     return float(info["glpath.exposure_stops"])

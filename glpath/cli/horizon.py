@@ -14,10 +14,11 @@ from glpath.cli.help import command_help
 from glpath.cli.point_files import MAX_LINE
 from glpath.cli.signals import result_of
 from glpath.cli.values import check_choice
-from glpath.errors import UsageError
+from glpath.errors import UsageError, warn
 from glpath.system.files import Save, check_outputs, save_all
 from glpath.system.numerals import real, whole
 from glpath.system.reporting import MODES, duration, reporting
+from glpath.system.suggestions import listed_names, similar_names
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ _TITLES = {
     "irradiation": ("Direct irradiation", ""),
 }
 _RECEIVERS, _SUNS = "Receivers", "Suns"
+# Effect of a missing optional column of a table.
+_WITHOUT = {"hours": "each sun counts as 1 hour", "z": "the points lie on the surface"}
 
 
 def register(app: typer.Typer) -> None:
@@ -67,7 +70,9 @@ def horizon(
             autocompletion=words(_QUANTITIES),
         ),
     ] = "sky-view-factor",
-    azimuths: Annotated[int, typer.Option(metavar="N", help="Directions of sky view factors, 8 to 720.")] = 64,
+    azimuths: Annotated[
+        int | None, typer.Option(metavar="N", help="Directions of sky view factors, 8 to 720; 64.")
+    ] = None,
     suns: Annotated[
         Path | None,
         typer.Option(
@@ -127,6 +132,7 @@ def horizon(
     """
     import time
 
+    from glpath.terrain.horizon import AZIMUTHS
     from glpath.terrain.horizon import horizon as horizon_of
     from glpath.terrain.reading import load_height_field
     from glpath.terrain.saving import check_kind
@@ -142,6 +148,8 @@ def horizon(
 
         require_matplotlib()
     sun_table = _suns(suns, quantity)
+    if azimuths is not None and quantity != "sky-view-factor":
+        raise UsageError(f"--azimuths: have no part in --quantity {quantity}.", "Leave them out.")
     if classes is not None and (points is None or points.suffix.lower() not in (".las", ".laz")):
         raise UsageError("--classes: belongs to --points FILE.las or FILE.laz.", "Leave it out.")
     terrain = load_height_field(field, spacing=spacing, holes=holes)
@@ -155,7 +163,7 @@ def horizon(
                 at,
                 None if surface == "horizontal" else "surface",
                 height=height,
-                azimuths=azimuths,
+                azimuths=AZIMUTHS if azimuths is None else azimuths,
                 on_progress=report,
             )
             if quantity == "sky-view-factor":
@@ -206,13 +214,12 @@ def _suns(path: Path | None, quantity: str) -> tuple[NDArray[Any], ...]:
         raise UsageError(f"--quantity {quantity}: needs suns.", "Give a table of them: --suns FILE.csv.")
     import numpy as np
 
-    weight = "hours" if quantity == "sun-hours" else "energy"
-    table = _table(path, "--suns", ("azimuth", "altitude"), (weight,))
-    if weight not in table:
-        if quantity == "irradiation":
-            raise UsageError(f"--suns {path}: has no column energy.", "Columns: azimuth,altitude,energy.")
-        table[weight] = np.ones(len(table["azimuth"]))
-    return table["azimuth"], table["altitude"], table[weight]
+    if quantity == "irradiation":
+        table = _table(path, "--suns", ("azimuth", "altitude", "energy"), ())
+        return table["azimuth"], table["altitude"], table["energy"]
+    table = _table(path, "--suns", ("azimuth", "altitude"), ("hours",))
+    hours = table.get("hours", np.ones(len(table["azimuth"])))
+    return table["azimuth"], table["altitude"], hours
 
 
 def _points(path: Path, classes: str | None) -> NDArray[Any]:
@@ -234,6 +241,8 @@ def _points(path: Path, classes: str | None) -> NDArray[Any]:
 
 def _table(path: Path, option: str, needed: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     """Return columns (N,) of a CSV file, by their names in its first line. Raises UsageError.
+
+    If an optional column is missing, other columns may be misspelt names of it, so there is an error or a warning.
 
     option : command line option of the file, for messages
     needed : names of columns that must exist; `optional` columns are returned if they exist
@@ -257,12 +266,28 @@ def _table(path: Path, option: str, needed: tuple[str, ...], optional: tuple[str
         )
     rows = list(csv.reader(lines))
     names = [cell.strip().lower() for cell in rows[0]] if rows else []
-    missing = [name for name in needed if name not in names]
-    if missing or len(rows) < 2:
-        what = f"has no column {missing[0]}" if missing else "has no line below its names"
-        raise UsageError(f"{option} {path}: {what}.", f"Columns: {','.join((*needed, *optional))}.")
+    columns, wrong = (*needed, *optional), ""
+    others = [name for name in names if name and name not in columns]
+    for name in columns:
+        near = [] if name in names else similar_names(name, others, 1, 0.75)
+        if names.count(name) > 1:
+            wrong = f"has two columns {name}"
+        elif near or (name in needed and name not in names):
+            wrong = f"has no column {name}"
+        if wrong:
+            break
+    if wrong or len(rows) < 2:
+        meant = f"Is {near[0]} meant? " if near else ""
+        raise UsageError(
+            f"{option} {path}: {wrong or 'has no line below its names'}.",
+            f"{meant}Columns: {','.join(columns)}.",
+        )
+    for name in optional:
+        if others and name not in names:
+            unread = listed_names(others)
+            warn(f"{option} {path}: has no column {name}, so {_WITHOUT[name]}. Columns without use: {unread}.")
     found: dict[str, NDArray[Any]] = {}
-    for name in (each for each in (*needed, *optional) if each in names):
+    for name in (each for each in columns if each in names):
         column = names.index(name)
         values = np.empty(len(rows) - 1)
         for i, row in enumerate(rows[1:]):

@@ -22,7 +22,7 @@ from glpath.cli.point_figures import with_error
 from glpath.cli.point_files import AXES, Grid, Points
 from glpath.cli.scene import light_of
 from glpath.cli.scene_summary import about_lights
-from glpath.film.charts import false_colours, field
+from glpath.film.charts import colour_range, false_colours, field
 from glpath.film.image import encode_png, luminance
 from glpath.film.units import conversion
 from glpath.system.files import write_bytes
@@ -151,7 +151,7 @@ def _values_on_the_plan(measured: Measured, grid: Grid) -> Iterator[str]:
     every = max(1, math.ceil(columns / _COLUMNS), math.ceil(rows / _ROWS))
     values = measured.values.reshape(grid.shape)[::every, ::every]
     first, second = (grid.first[i] + grid.step[i] * np.arange(n)[::every] for i, n in ((0, columns), (1, rows)))
-    backgrounds, inks = _colours(values, float(np.nanmax(measured.values)))
+    backgrounds, inks = _colours(values, colour_range(measured.values))
     yield f"<h2>Values, {'lux' if measured.unit == 'lx' else measured.unit}</h2>"
     if every > 1:
         yield f'<p class="quiet">One of {every} points along both axes.</p>'
@@ -168,9 +168,9 @@ def _values_on_the_plan(measured: Measured, grid: Grid) -> Iterator[str]:
     yield f"</tbody><tfoot><tr><th>{AXES[grid.across[0]]}</th>{ends}</tr></tfoot></table></div>"
 
 
-def _colours(values: np.ndarray[Any, Any], top: float) -> tuple[list[list[str]], list[list[str]]]:
-    """Return the CSS colours of each value's background (false colours from 0 to `top`) and of its text."""
-    colours = false_colours(values, top)
+def _colours(values: np.ndarray[Any, Any], ends: tuple[float, float]) -> tuple[list[list[str]], list[list[str]]]:
+    """Return the CSS colours of each value's background (false colours) and of its text."""
+    colours = false_colours(values, ends)
     bright = luminance(colours) > 0.45
     named = [["#" + "".join(f"{round(255 * x):02x}" for x in colour) for colour in row] for row in colours.tolist()]
     return named, [["#222" if light else "#fff" for light in row] for row in bright.tolist()]

@@ -108,7 +108,8 @@ def probes(
         loaded = read_scene(scene, parameters)
     loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
     check_outputs([out], [scene])
-    where = ProbeGrid.of(loaded, counts, corners, budget_for(loaded, integrator, options))
+    budget = budget_for(loaded, integrator, options)
+    where = ProbeGrid.of(loaded, counts, corners and (corners[:3], corners[3:]), budget)
     points, normals = where.receivers()
 
     def start(run: RunOptions) -> Film:

@@ -30,6 +30,8 @@ def mask_of(ignore: Ignore, shape: tuple[int, ...], folder: Path | None = None) 
     if isinstance(ignore, str | Path):
         return _of_image(read_picture((folder or Path()) / ignore).mean.mean(axis=2) > 0.2, (height, width))
     given = _array(ignore)
+    # Integers of other types come from lists; their white is 1.
+    white = {"uint8": 255, "uint16": 65535}.get(given.dtype.name, 1)
     if given.ndim == 2 and given.shape[1] == 4 and given.dtype.kind in "iuf" and given.shape != (height, width):
         found = np.zeros((height, width), np.bool_)
         for number, (x, y, w, h) in enumerate(given.tolist()):
@@ -42,14 +44,14 @@ def mask_of(ignore: Ignore, shape: tuple[int, ...], folder: Path | None = None) 
         return found
     if given.ndim == 3:
         given = given[..., :3].mean(axis=2)
-    return _of_image(given > (127 if given.dtype == np.uint8 else 0.5), (height, width))
+    return _of_image(given > 0.5 * white, (height, width))
 
 
 def masked(picture: Picture, mask: NDArray[np.bool_]) -> Picture:
     """Return the image, black and opaque where the mask is True.
 
     Noise is known in blocks of 16 x 16 pixels. In an image with noise, each block that touches the mask is masked
-    completely.
+    completely. Raises UsageError if nothing of the image would be left.
     """
     noise = picture.noise
     if noise is not None:
@@ -62,6 +64,12 @@ def masked(picture: Picture, mask: NDArray[np.bool_]) -> Picture:
             noise.batch_counts,
         )
         assert touched.shape == block_pixels(mask.shape).shape
+    if mask.all():
+        blocks = "" if noise is None else f", in blocks of {BLOCK_SIDE} x {BLOCK_SIDE} pixels, as noise is stored"
+        raise UsageError(
+            f"ignore: takes all {mask.size:,} pixels of the picture{blocks}, so that nothing is compared.",
+            "Ignore a smaller part, or leave out the comparison.",
+        )
     alpha = None if picture.alpha is None else np.where(mask, 1.0, picture.alpha)
     return replace(picture, mean=np.where(mask[..., None], 0.0, picture.mean), noise=noise, alpha=alpha)
 

@@ -23,8 +23,8 @@ UInt8 = NDArray[np.uint8]
 
 # Default `epsilon`, added to the squared reference so that dark pixels do not dominate; suits a white of about 1.
 EPSILON = 0.01
-# Maximum `peak`, whose square is a finite float64.
-_LARGEST_PEAK = 1e150
+# Maximum value of a pixel and of `peak`; its square is a finite float64.
+_LARGEST = 1e150
 
 
 @checked
@@ -62,8 +62,8 @@ def psnr(image: ArrayLike, reference: ArrayLike, peak: float | None = None) -> f
 
     Raises ImageError.
     """
-    if peak is not None and not abs(peak) <= _LARGEST_PEAK:
-        raise UsageError(f"peak: {short_repr(peak)} where a number up to {_LARGEST_PEAK:g} is needed")
+    if peak is not None and not abs(peak) <= _LARGEST:
+        raise UsageError(f"peak: {short_repr(peak)} where a number up to {_LARGEST:g} is needed")
     a, b = matching_pair(image, reference)
     error = float(np.mean((a - b) ** 2))
     top = float(b.max()) if peak is None else peak
@@ -79,7 +79,12 @@ def max_difference(image: ArrayLike, reference: ArrayLike) -> float:
 
 @checked
 def percent_beyond(image: ArrayLike, reference: ArrayLike, limit: float) -> float:
-    """Return the percentage of pixels with a channel that differs by more than `limit`. Raises ImageError."""
+    """Return the percentage of pixels with a channel that differs by more than `limit`.
+
+    Raises ImageError. Raises UsageError for a limit that is not a finite number from 0.
+    """
+    if not 0 <= limit < math.inf:
+        raise UsageError(f"limit: {short_repr(limit)} where a finite number from 0 is needed")
     a, b = matching_pair(image, reference)
     return 100 * float(np.mean((np.abs(a - b) > limit).any(axis=-1)))
 
@@ -136,9 +141,9 @@ def matching_pair(image: ArrayLike, reference: ArrayLike) -> tuple[Float64, Floa
         raise ImageError(f"compare: found arrays of shape {size}, expected (H, W, 3).")
     a, b = real_array("image", image), real_array("reference", reference)
     for name, array in (("picture", a), ("reference", b)):
-        broken = int(np.count_nonzero(~np.isfinite(array).all(axis=-1)))
+        broken = int(np.count_nonzero(~(np.abs(array) <= _LARGEST).all(axis=-1)))
         if broken:
-            raise ImageError(f"compare: {broken} pixels of the {name} are NaN or infinite.")
+            raise ImageError(f"compare: {broken} pixels of the {name} are NaN or infinite, or beyond {_LARGEST:g}.")
     return a, b
 
 

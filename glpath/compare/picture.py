@@ -170,10 +170,11 @@ class Picture:
         """Text about the bias of the engine that made the image; empty if the engine has no bias."""
         if self.provenance.get("glpath.biased") != "true":
             return ""
-        if "glpath.bias" not in self.provenance:
+        found = _json_object(self.provenance.get("glpath.bias", ""))
+        mean, error = found.get("mean"), found.get("mean_error")
+        if not (isinstance(mean, float) and isinstance(error, float)):
             return "has a bias, which was not measured"
-        found = json.loads(self.provenance["glpath.bias"])
-        return f"has a bias of {100 * found['mean']:.2g} %, plus or minus {100 * found['mean_error']:.2g} %"
+        return f"has a bias of {100 * mean:.2g} %, plus or minus {100 * error:.2g} %"
 
     @checked
     def over(self, ground: float) -> Picture:
@@ -277,7 +278,7 @@ class Picture:
             if ours == theirs or not (self.provenance and reference.provenance):
                 continue
             if key == "glpath.settings" and ours and theirs:
-                found += _differing_settings(json.loads(ours), json.loads(theirs))
+                found += _differing_settings(_json_object(ours), _json_object(theirs))
             elif key == "glpath.scene_hash" and ours and theirs:
                 found.append("the scene's content (geometry, materials, lights or camera) is another one")
             else:
@@ -293,6 +294,15 @@ def encode_bright_srgb(linear: Float64) -> Float64:
 def glpath_texts(header: Mapping[str, Any]) -> dict[str, str]:
     """Return the texts of a file's header whose keys begin with "glpath."."""
     return {key: value for key, value in header.items() if key.startswith("glpath.") and isinstance(value, str)}
+
+
+def _json_object(text: str) -> dict[str, Any]:
+    """Return the JSON object in a text of a header, or {} for any other text, because files may be damaged."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _differing_settings(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> list[str]:

@@ -187,7 +187,11 @@ def _known_bias(picture: Picture, reference: Picture) -> str:
     if picture.provenance.get(name) == reference.provenance.get(name):
         return ""
     pairs = (("picture", picture), ("reference", reference))
-    given = [f"the {which}, of a {made.provenance[name]}, {made.bias}" for which, made in pairs if made.bias]
+    given = [
+        f"the {which}, of a {made.provenance.get(name, 'nameless engine')}, {made.bias}"
+        for which, made in pairs
+        if made.bias
+    ]
     return "; " * bool(given) + "; ".join(given)
 
 

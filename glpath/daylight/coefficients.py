@@ -10,7 +10,7 @@ Source:   Tregenza & Waters 1983, Daylight coefficients; McNeil & Lee 2013, A va
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sized
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -23,11 +23,12 @@ from glpath.daylight.compass import Compass
 from glpath.daylight.indirect import Indirect
 from glpath.daylight.receivers import RECEIVERS, Receiver, response
 from glpath.daylight.shard import Shard
-from glpath.daylight.sky_patches import SkyPatches
+from glpath.daylight.sky_patches import SUBDIVISIONS, SkyPatches
 from glpath.daylight.texels import Texels
 from glpath.errors import ImageError, UsageError
 from glpath.gl.parallel_rays import WORD
-from glpath.system.arguments import checked
+from glpath.scene.geometry import LARGEST
+from glpath.system.arguments import check_array, check_count, check_word, checked, short_repr
 from glpath.system.files import whole_file
 from glpath.system.npz import Arrays, open_npz
 
@@ -38,6 +39,8 @@ Float64 = NDArray[np.float64]
 FORMAT = 2
 # Maximum number of floats in a block of rows (64 MiB).
 _BLOCK = 1 << 24
+# Maximum deviation of the length of a unit vector from 1.
+_UNIT = 1e-3
 # Files with more than this many bytes of visibility words are written without compression.
 _PLAIN = 1 << 27
 
@@ -61,6 +64,8 @@ class DaylightCoefficients:
     indirect    : reflected light; None if only direct light is computed
     texels      : faces of the scene to which the sensors belong; None for other sensors
     shard       : range of the sensors; None for all
+
+    Raises UsageError for arrays of other shapes, and for values out of range.
     """
 
     points: Float64
@@ -79,6 +84,61 @@ class DaylightCoefficients:
     indirect: Indirect | None = None
     texels: Texels | None = None
     shard: Shard | None = None
+
+    def __post_init__(self) -> None:
+        check_word("receiver", self.receiver, RECEIVERS)
+        check_count("subdivision", self.subdivision, 1, max(SUBDIVISIONS))
+        points = check_array("points", self.points, (None, 3), (-LARGEST, LARGEST))
+        if not len(points):
+            raise UsageError("points: none where one sensor at least is needed")
+        directions = _unit_vectors("directions", self.directions, (None, 3))
+        d, n = len(directions), len(points)
+        check_count("samples", self.samples, 1, max(1, d))
+        column = check_array("column", self.column, (d,), (0, d), whole=True)
+        found = {
+            "points": points,
+            "normals": _unit_vectors("normals", self.normals, (n, 3)),
+            "up": _unit_vectors("up", self.up, (3,)),
+            "north": _unit_vectors("north", self.north, (3,)),
+            "directions": directions,
+            "column": column,
+            "weight": check_array("weight", self.weight, (d,), (0.0, 4 * np.pi)),
+        }
+        self._check_columns(column)
+        words = -(-d // WORD)
+        _check_type("words", self.words, "uint32", (words, n))
+        if self.shares is not None:
+            _check_type("shares", self.shares, "float16", (WORD * words, n))
+        if self.indirect is not None:
+            parts = self.indirect.weights.shape[:1], self.indirect.radiosity.shape[1:], self.indirect.errors.shape
+            if parts != ((n,), (int(column[-1]) + 1,), (n,)):
+                raise UsageError("indirect: of other sensors or directions than the rest")
+        if self.texels is not None and len(self.texels) != n:
+            raise UsageError(f"texels: {len(self.texels):,} where one for each of {n:,} sensors is needed")
+        if self.shard is not None and not 0 <= self.shard.first <= self.shard.total - n:
+            raise UsageError(f"shard: {self.shard} does not contain {n:,} sensors")
+        for name, values in found.items():
+            object.__setattr__(self, name, values)
+
+    def _check_columns(self, column: NDArray[np.int64]) -> None:
+        """Raise UsageError unless each patch has directions, in ascending order, and each sun has one."""
+        patches, steps = len(self.patches), np.diff(column, prepend=-1)
+        of_suns = column >= patches
+        ascending = (steps == 1) | ((steps == 0) & ~of_suns)
+        if not (len(column) and ascending.all() and column[-1] >= patches - 1):
+            raise UsageError(
+                f"column: of other directions than those of the ground, {patches - 1:,} patches and the suns, in "
+                "ascending order"
+            )
+        counts = np.bincount(column[~of_suns])
+        # Standard errors come from pairs of directions.
+        paired = self.samples < 4 or (counts[0] >= 4 and counts[0] % 2 == 0 and self.samples % 2 == 0)
+        if not (paired and (counts[1:] == self.samples).all()):
+            raise UsageError(
+                f"column: {counts.min():,} to {counts.max():,} directions per patch where samples is {self.samples}"
+            )
+        if of_suns.any() and not (isinstance(self.latitude, int | float) and abs(self.latitude) <= 90):
+            raise UsageError(f"latitude: {short_repr(self.latitude)} of suns where -90 to 90 degrees are needed")
 
     def __len__(self) -> int:
         return len(self.points)
@@ -109,7 +169,7 @@ class DaylightCoefficients:
 
     def direct_sky(self, rows: slice = slice(None)) -> Float32:
         """Return (n, P) float32 coefficients of `sky` without reflected light."""
-        chosen = range(len(self))[rows]
+        chosen = rows_of(self, rows)
         found = np.empty((len(chosen), len(self.patches)), np.float32)
         for first, last in self._blocks(len(chosen)):
             found[first:last] = self._summed(self._light(chosen[first:last], slice(0, self._in_sky)))
@@ -117,18 +177,18 @@ class DaylightCoefficients:
 
     def direct_sun(self, rows: slice = slice(None)) -> Float32:
         """Return (n, S) float32 coefficients of `sun` without reflected light."""
-        return self._light(range(len(self))[rows], slice(self._in_sky, len(self.directions)))
+        return self._light(rows_of(self, rows), slice(self._in_sky, len(self.directions)))
 
     def sunlight(self, rows: slice = slice(None)) -> Float32:
         """Return (n, S) float32 transmittance towards each sun position, without the cosine of incidence.
 
         It is 0 for positions behind a plane.
         """
-        return self._arrives(range(len(self))[rows], slice(self._in_sky, len(self.directions)))
+        return self._arrives(rows_of(self, rows), slice(self._in_sky, len(self.directions)))
 
     def indirect_sun(self, rows: slice = slice(None)) -> Float32:
         """Return (n, S) float32 coefficients of `sun`, reflected light only."""
-        nothing = np.zeros((len(range(len(self))[rows]), len(self.suns)), np.float32)
+        nothing = np.zeros((len(rows_of(self, rows)), len(self.suns)), np.float32)
         return self._with_indirect(nothing, rows, slice(len(self.patches), None))
 
     def irradiance(self, sky: ArrayLike, sun: ArrayLike | None = None) -> Float64:
@@ -298,7 +358,7 @@ class DaylightCoefficients:
             points = arrays.read("points", "f", (None, 3))
             d, n = len(directions), len(points)
             words = -(-d // WORD)
-            return cls(
+            fields: dict[str, Any] = dict(
                 points=points,
                 normals=arrays.read("normals", "f", (n, 3)),
                 receiver=receiver,
@@ -316,6 +376,20 @@ class DaylightCoefficients:
                 texels=Texels.read(arrays, n) if "texel_corners" in arrays else None,
                 shard=_shard(arrays) if "shard" in arrays else None,
             )
+            try:
+                return cls(**fields)
+            except UsageError as error:
+                raise ValueError(error.message) from error
+
+
+def rows_of(sensors: Sized, rows: slice) -> range:
+    """Return the indices of some sensors. Raises UsageError for a slice of other values than whole numbers."""
+    try:
+        return range(len(sensors))[rows]
+    except (TypeError, ValueError) as error:
+        raise UsageError(
+            f"rows: {short_repr(rows)} where a slice of whole numbers is needed", "slice(0, 9) has the first nine."
+        ) from error
 
 
 def _shard(arrays: Arrays) -> Shard:
@@ -324,6 +398,23 @@ def _shard(arrays: Arrays) -> Shard:
 
 
 _ARRAYS = ("points", "normals", "up", "north", "directions", "column", "weight", "words")
+
+
+def _unit_vectors(name: str, values: Any, shape: tuple[int | None, ...]) -> Float64:
+    """Return unit vectors as float64. Raises UsageError for arrays of another shape and for other vectors."""
+    found: Float64 = check_array(name, values, shape, (-2.0, 2.0))
+    lengths = np.atleast_1d(np.linalg.norm(found, axis=-1))
+    if (wrong := np.abs(lengths - 1.0) > _UNIT).any():
+        raise UsageError(f"{name}: a vector of length {lengths[wrong][0]:g} where unit vectors are needed")
+    return found
+
+
+def _check_type(name: str, values: Any, kind: str, shape: tuple[int, ...]) -> None:
+    """Raise UsageError unless `values` is an array of this type and shape."""
+    if not isinstance(values, np.ndarray) or values.dtype.name != kind or values.shape != shape:
+        is_array = isinstance(values, np.ndarray)
+        found = f"an array {values.shape} of {values.dtype}" if is_array else short_repr(values)
+        raise UsageError(f"{name}: {found} where an array {shape} of {kind} is needed")
 
 
 def _times(name: str, values: ArrayLike, rows: int) -> Float64:

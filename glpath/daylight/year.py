@@ -7,6 +7,7 @@ The rows of sensors are multiplied block by block, so that memory does not grow 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.daylight import metrics
-from glpath.daylight.coefficients import DaylightCoefficients
+from glpath.daylight.coefficients import DaylightCoefficients, rows_of
 from glpath.daylight.hourly_skies import HourlySkies, Quantity
 from glpath.daylight.receivers import response
 from glpath.errors import UsageError
@@ -105,10 +106,12 @@ class DaylightYear:
 
     def light(self, rows: slice = slice(None), quantity: Quantity = "illuminance") -> Float32:
         """Return (n, H) float32 light of some sensors in all hours, lx or W m^-2, with blinds as in `closed`."""
-        of = range(len(self))[rows]
+        of = rows_of(self, rows)
         found = np.zeros((len(of), len(self.weather.times)), np.float32)
         for first, last in blocks(len(of), len(self.skies)):
-            part = slice(of.start + first * of.step, of.start + last * of.step, of.step)
+            some = of[first:last]
+            # A range that runs down to index 0 stops at -1, which a slice would count from the end.
+            part = slice(some.start, some.stop if some.stop >= 0 else None, some.step)
             found[first:last, self.skies.hours] = _light(self, part, quantity)
         return found
 
@@ -258,13 +261,8 @@ def daylight_year(
               summed.
     Source:   McNeil & Lee 2013; IES LM-83-12.
     """
+    check_settings(occupied, threshold, ground)
     first, last = occupied
-    if not 0 <= first < last <= 24:
-        raise UsageError(f"occupied: from {first:g} to {last:g} where two hours of a day are needed, as 8 and 18.")
-    if not threshold > 0:
-        raise UsageError(f"threshold: {threshold:g} lx where more than 0 is needed.")
-    if not 0 <= ground <= 1:
-        raise UsageError(f"ground: an albedo of {ground:g} where 0 to 1 is needed.")
     of = weather if isinstance(weather, Weather) else read_weather(weather)
     groups = () if blinds is None else (blinds,) if isinstance(blinds, DaylightCoefficients) else tuple(blinds)
     _check_alike(coefficients, of, groups)
@@ -300,6 +298,17 @@ def daylight_year(
     )
     _count(year)
     return year
+
+
+def check_settings(occupied: tuple[float, float], threshold: float, ground: float) -> None:
+    """Raise UsageError for settings of a year that are out of range, see `daylight_year`."""
+    first, last = occupied
+    if not 0 <= first < last <= 24:
+        raise UsageError(f"occupied: from {first:g} to {last:g} where two hours of a day are needed, as 8 and 18.")
+    if not 0 < threshold < math.inf:
+        raise UsageError(f"threshold: {threshold:g} lx where a finite number above 0 is needed.")
+    if not 0 <= ground <= 1:
+        raise UsageError(f"ground: an albedo of {ground:g} where 0 to 1 is needed.")
 
 
 def check_suffix(path: str | Path) -> str:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import GlpathError
+from glpath.errors import GlpathError, UsageError
 from glpath.system.private_interfaces import import_matplotlib_with_defaults
 from glpath.system.time_limit import in_command
 
@@ -63,9 +63,12 @@ def field(
     extent : left, right, lower and upper edge of the map, in the coordinates of the axes
     labels : labels of the horizontal and of the vertical axis
     unit   : unit of the values
+
+    Colours are those of `colour_range`. Raises UsageError for infinite values.
     """
     from matplotlib.ticker import MaxNLocator
 
+    first, last = colour_range(values)
     left_of_map, right_of_map, below_map = 78, 110, 52
     wide, high = extent[1] - extent[0], extent[3] - extent[2]
     # A narrow strip is drawn wide enough to be read.
@@ -74,16 +77,17 @@ def field(
     figure, bottom, height = page(title, wrapped(caption, width), width, up + below_map + 8)
     below = (bottom + below_map) / height
     axes = figure.add_axes((left_of_map / width, below, across / width, up / height))
-    top = float(np.nanmax(values))
     axes.set_facecolor(GREY)
     drawn = axes.imshow(
-        values, origin="lower", extent=extent, cmap=COLOUR_MAP, vmin=0.0, vmax=top or 1.0, aspect="auto"
+        values, origin="lower", extent=extent, cmap=COLOUR_MAP, vmin=first, vmax=last if last > first else 1.0,
+        aspect="auto",
     )  # fmt: skip
     rows, columns = values.shape
-    if min(rows, columns) >= 3 and np.nanmin(values) < top:
+    given = values[~np.isnan(values)]
+    if min(rows, columns) >= 3 and given.size and given.min() < given.max():
         x = extent[0] + (np.arange(columns) + 0.5) * wide / columns
         y = extent[2] + (np.arange(rows) + 0.5) * high / rows
-        levels = MaxNLocator(6).tick_values(0.0, top)[1:-1]  # without 0, and without the level above all values
+        levels = MaxNLocator(6).tick_values(first, last)[1:-1]  # without the levels below and above all values
         lines = axes.contour(x, y, values, levels=levels, colors="white", linewidths=0.8)
         axes.clabel(lines, fontsize=8, fmt="%g")
     axes.set_xlabel(labels[0], color=INK, fontsize=11)
@@ -96,16 +100,33 @@ def field(
     return rastered(figure)
 
 
-def false_colours(values: NDArray[np.float64], top: float) -> NDArray[np.float64]:
+def colour_range(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the values of the first and the last false colour: the smallest range that has all values and 0.
+
+    Raises UsageError for infinite values.
+    """
+    infinite = int(np.count_nonzero(np.isinf(values)))
+    if infinite:
+        raise UsageError(
+            f"{infinite:,} of {np.size(values):,} values are infinite, and have no false colour.",
+            "Replace them by NaN, which is grey.",
+        )
+    known = values[~np.isnan(values)]
+    return float(known.min(initial=0.0)), float(known.max(initial=0.0))
+
+
+def false_colours(values: NDArray[np.float64], ends: tuple[float, float]) -> NDArray[np.float64]:
     """Return (..., 3) display colours from 0 to 1 for values (...), with the colour map of `field`; NaN is grey.
 
-    top : value that gets the last colour of the map; 0 gets the first colour
+    ends : values of the first and the last colour, see `colour_range`; equal values get the first colour
     """
     require_matplotlib()
     from matplotlib import colormaps
     from matplotlib.colors import to_rgb
 
-    colours = np.asarray(colormaps[COLOUR_MAP](np.nan_to_num(values) / (top or 1.0)), np.float64)[..., :3]
+    bottom, top = ends
+    shares = (np.nan_to_num(values, nan=bottom) - bottom) / (top - bottom or 1.0)
+    colours = np.asarray(colormaps[COLOUR_MAP](shares), np.float64)[..., :3]
     return np.where(np.isnan(values)[..., None], to_rgb(GREY), colours)
 
 

@@ -248,13 +248,15 @@ def _temporary_security(distributed: Any) -> Any:
 
 
 def _connected(distributed: Any, address: str) -> Any:
-    kind = {"scheduler_file": address} if os.path.exists(address) else {"address": address}
-    if "address" in kind and "://" not in address:
+    # "tls://host:8786" could also be a file, whose content names another scheduler.
+    is_address = "://" in address
+    if not is_address and not os.path.exists(address):
         raise UsageError(
             f"cluster {address}: is neither local:N, nor an address such as tls://scheduler:8786, nor a "
             "scheduler's file."
         )
-    named = address if "address" in kind else _address_in(address)
+    kind = {"address" if is_address else "scheduler_file": address}
+    named = address if is_address else _address_in(address)
     _check_encryption(distributed, address, named)
     try:
         _wait_while_refused(named)

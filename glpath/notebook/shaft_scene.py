@@ -68,7 +68,7 @@ class ShaftScene:
     @property
     def shapes(self) -> list[str]:
         """Names of the shapes that have polygons."""
-        return [self.scene.shapes[i].name for i in np.unique(self.occluders.shape)]
+        return list(dict.fromkeys(self.scene.shapes[i].name for i in np.unique(self.occluders.shape)))
 
     def outlines(self) -> list[Float64]:
         """Return the corners of every polygon, each (3, 3) or (4, 3)."""
@@ -78,15 +78,15 @@ class ShaftScene:
         ]
 
     def polygons_of(self, shape: str) -> Int32:
-        """Return the indices of a shape's polygons. Raises UsageError for an unknown name."""
-        names = [s.name for s in self.scene.shapes]
+        """Return the indices of the polygons of all shapes of a name. Raises UsageError for an unknown name."""
         if shape not in self.shapes:
             known = self.shapes
             raise UsageError(
                 f"{self.scene.name}: no shape of polygons is named {short_repr(shape)}.",
                 f"There are {', '.join(known[:12])}{', ...' if len(known) > 12 else ''}.",
             )
-        return np.flatnonzero(self.occluders.shape == names.index(shape)).astype(np.int32)
+        named = [number for number, each in enumerate(self.scene.shapes) if each.name == shape]
+        return np.flatnonzero(np.isin(self.occluders.shape, named)).astype(np.int32)
 
     def box_of(self, shape: str) -> Float64:
         """Return the (6,) bounding box of a shape: lower corner, upper corner."""

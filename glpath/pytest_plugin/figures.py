@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from glpath.errors import UsageError
+from glpath.system.arguments import short_repr
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,22 @@ class FigureSettings:
             yield
 
     def saved(self, figure: Any) -> bytes:
-        """Return the content of an image file of the figure. With `remove_text`, the figure itself loses texts."""
+        """Return the content of an image file of the figure. With `remove_text`, the figure itself loses texts.
+
+        Raises UsageError if matplotlib does not accept `savefig_kwargs`.
+        """
         if self.remove_text:
             without_text(getattr(figure, "figure", figure))
         encoded = io.BytesIO()
-        figure.savefig(encoded, **{"format": "png", **self.savefig_kwargs})
+        try:
+            figure.savefig(encoded, **{"format": "png", **self.savefig_kwargs})
+        except Exception as error:  # matplotlib raises any type for wrong arguments
+            if not self.savefig_kwargs:
+                raise
+            raise UsageError(
+                f"render_regression: savefig_kwargs {short_repr(dict(self.savefig_kwargs))}: {error}.",
+                "Give arguments of matplotlib's Figure.savefig, such as dpi.",
+            ) from error
         return encoded.getvalue()
 
 

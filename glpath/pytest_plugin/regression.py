@@ -38,6 +38,7 @@ from glpath.pytest_plugin.figures import FigureSettings
 from glpath.pytest_plugin.paths import baseline_folder, baseline_name, id_in_file, new_baseline, results_folder
 from glpath.pytest_plugin.settings import Settings
 from glpath.pytest_plugin.subjects import Subject, picture_of
+from glpath.system.arguments import checked
 from glpath.system.private_interfaces import is_xfail
 
 # Severity of images that could not be compared; it puts them first in a report.
@@ -109,16 +110,19 @@ class RenderRegression:
         """
         __tracebackhide__ = True
         try:
+            given = _given(
+                mode=mode, limits=limits, ignore=ignore, savefig_kwargs=savefig_kwargs, remove_text=remove_text
+            )
             marked = self._marked()
             stem = self._stem(name)
             folder = self._item.path.parent
-            figures = self._figure_settings(marked, savefig_kwargs, remove_text)
+            figures = self._figure_settings(marked, given.get("savefig_kwargs"), given.get("remove_text"))
             picture = picture_of(subject, folder, self._settings.device, render_options, self.figures, figures)
             if ignore is not None:
                 marked["ignore"] = ignore
             made = {_TEST: id_in_file(self._item.nodeid), _NAME: name}
             picture = replace(picture, provenance={**picture.provenance, **made})
-            return self._check(picture, stem, marked, mode, dict(limits or {}))
+            return self._check(picture, stem, marked, given.get("mode"), given.get("limits", {}))
         except GlpathError as error:
             reason = f"glpath: {error}"
         # Outside the handler, because pytest would show both exceptions.
@@ -162,12 +166,13 @@ class RenderRegression:
                 raise UsageError(
                     f"the marker {_MARKER}: has no {', '.join(unknown)}. Allowed: {', '.join(found)}, by name."
                 )
-            given = {key: value for key, value in marker.kwargs.items() if value is not None}
+            given = _given(**marker.kwargs)
             # Limits belong to a mode, and are dropped if the mode changes.
             limits = {} if given.get("mode", found["mode"]) != found["mode"] and found["mode"] else found["limits"]
             found |= {**given, "limits": {**limits, **given.get("limits", {})}}
         return found
 
+    @checked
     def _stem(self, name: str) -> str:
         if not re.fullmatch(r"[A-Za-z0-9_.+=-]{0,80}", name):
             raise UsageError(f"name: found {name[:100]!r}, expected up to 80 letters, digits and . _ - + = only.")
@@ -303,6 +308,22 @@ class RenderRegression:
         test = "::".join([shown_path(self._item.path), *record["test"].split("::")[1:]])
         commands["accept"] = f"pytest --glpath-update {wanted} {shlex.quote(test)}"
         return commands
+
+
+@checked
+def _given(
+    *,
+    mode: Mode | None = None,
+    limits: Mapping[str, float] | None = None,
+    baseline_path: str | Path | None = None,
+    ignore: Ignore | None = None,
+    style: Any = None,
+    backend: str | None = None,
+    savefig_kwargs: Mapping[str, Any] | None = None,
+    remove_text: bool | None = None,
+) -> dict[str, Any]:
+    """Return the settings of a call or a marker that are not None. Raises UsageError for one of a wrong type."""
+    return {key: value for key, value in locals().items() if value is not None}
 
 
 def shown_path(path: str | Path) -> str:

@@ -306,8 +306,9 @@ def numbers(name: str, value: Any, count: int) -> NDArray[np.float64]:
         given = np.asarray(value)
     except Exception:  # an object may raise any error when numpy converts it
         given = np.array("")
-    found = np.atleast_1d(given.astype(np.float64)) if is_numbers(given) else np.empty(0)
-    if found.shape != (count,) or not np.all(np.abs(found) <= LARGEST):
+    fits = given.ndim <= 1 and given.size == count and is_numbers(given)
+    found = np.atleast_1d(given.astype(np.float64)) if fits else np.empty(0)
+    if not fits or not np.all(np.abs(found) <= LARGEST):
         limit = f" up to {LARGEST:g}" if np.isfinite(found).all() and len(found) else ""
         needed = f"a finite number{limit} is" if count == 1 else f"{count} finite numbers{limit} are"
         raise UsageError(f"{name}: {short_repr(value)} where {needed} needed")

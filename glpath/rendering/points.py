@@ -28,7 +28,7 @@ from glpath.io.vtk import VtkMesh, points_with_values
 from glpath.rendering.calls import run_job
 from glpath.rendering.choice import for_measuring
 from glpath.rendering.job import describe
-from glpath.rendering.options import RenderKeywords, with_options
+from glpath.rendering.options import RenderKeywords, colour, with_options
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.uniformity import Spread, spread_of
 from glpath.scene import Environment, Scene
@@ -279,7 +279,8 @@ def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> S
     if assumed and glows:
         text = f"{source}: what glows in it is its only light: measured without the studio that pictures have."
         warn(text)
-    if not has_light and not np.any(np.asarray(scene.ambient if ambient is None else ambient) > 0):
+    radiance = scene.ambient if ambient is None else colour("ambient", ambient)
+    if not has_light and not np.any(np.asarray(radiance) > 0):
         raise SceneError(
             f"{source}: has no light to measure: no lamp, no surface that emits, no sky.",
             "Give it one: [[lights]], an emission or a [sky] in a TOML file, punctual lights in glTF.\n"

@@ -142,10 +142,11 @@ def vector(name: str, given: ArrayLike, low: float = -LARGEST, high: float = LAR
             return given
     try:
         found = np.asarray(given)
-        plain = found.astype(np.float64) if found.dtype.kind in "fiub" else np.zeros(0)
+        fits = found.shape == (3,) and found.dtype.kind in "fiub"
+        plain = found.astype(np.float64) if fits else np.zeros(0)
     except (TypeError, ValueError):
         plain = np.zeros(0)
-    if plain.shape != (3,) or not ((plain >= low) & (plain <= high)).all():
+    if not len(plain) or not ((plain >= low) & (plain <= high)).all():
         allowed = f"three finite numbers from {low:g} to {high:g}"
         raise SceneError(f"{name}: {short_repr(given)}, but must be {allowed}.")
     return plain

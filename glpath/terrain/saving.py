@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import ImageError, UsageError
-from glpath.system.files import whole_file, write_bytes
+from glpath.system.files import reason_of, whole_file, write_bytes
 from glpath.terrain.reading import package_for
 
 if TYPE_CHECKING:
@@ -87,5 +87,5 @@ def _save_geotiff(path: Path, found: Horizon, values: NDArray[Any]) -> None:
         try:
             with rasterio.open(part, "w", **made) as raster:
                 raster.write(values.astype(np.float32), 1)
-        except rasterio.errors.RasterioError as error:
-            raise ImageError(f"{path}: cannot be written: {error}.") from error
+        except (rasterio.errors.RasterioError, ValueError) as error:  # CRSError is a ValueError
+            raise ImageError(f"{path}: cannot be written: {reason_of(error)}.") from error

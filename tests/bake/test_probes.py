@@ -115,6 +115,8 @@ def test_a_grid_has_to_be_one() -> None:
         ((0, 1, 1), None, "grid: 0 x 1 x 1"),
         ((100, 100, 100), None, "grid: 100 x 100 x 100"),
         ((1, 1, 1), [[1, 0, 0], [0, 1, 1]], "bounds: from"),
+        ((1, 1, 1), [[0, 1], [2, 3], [4, 5]], r"bounds: of shape \(3, 2\) where \(2, 3\)"),
+        ((1, 1, 1), [0, 0, 0, 1, 1, 1], r"bounds: of shape \(6,\) where \(2, 3\)"),
     ):
         with pytest.raises(glpath.UsageError, match=words):
             ProbeGrid.of(scene, counts, bounds)

@@ -709,6 +709,14 @@ def test_diff_fails_above_the_limit_only(pair: tuple[Path, Path]) -> None:
     assert result.exit_code == 1
     assert "is above --fail 0.0001" in result.stderr
     assert run("diff", *pair, "--fail", "nan").exit_code == 2
+    assert run("diff", *pair, "--fail", "inf").exit_code == 2
+
+
+def test_diff_of_values_whose_squares_are_no_numbers_fails(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.full((2, 2, 3), 1e200))
+    np.save(tmp_path / "b.npy", np.full((2, 2, 3), 2e200))
+    result = run("diff", tmp_path / "a.npy", tmp_path / "b.npy", "--fail", 0.01)
+    assert (result.exit_code, "4 pixels of the picture are NaN" in result.stderr) == (1, True)
 
 
 def test_diff_writes_the_difference(pair: tuple[Path, Path], tmp_path: Path) -> None:

@@ -113,6 +113,7 @@ def test_wrong_usage_of_a_year_is_refused_before_anything_is_computed(tmp_path: 
         ((*year, "--weather", tmp_path / "none.epw"), "none.epw"),
         ((*year, "--weather", epw, "--latitude", 40), "--latitude"),
         ((*year, "--weather", epw, "--occupied", "8"), "8-18"),
+        ((*year, "--weather", epw, "--threshold", "inf"), "a finite number above 0"),
         ((*year[:3], "--weather", epw), "No --points"),
         (("cornell-box", "-o", tmp_path / "dc.npz", "--points", sensors, "--blinds", "office"), "--weather"),
         ((tmp_path / "dc.npz", "-o", tmp_path / "other.npz"), "has coefficients already"),
@@ -183,3 +184,17 @@ def test_wrong_usage_of_texels_is_refused_before_anything_is_computed(tmp_path: 
         assert done.exit_code != 0
         assert text in done.output, done.output
     assert sorted(path.name for path in tmp_path.iterdir()) == ["sensors.csv"]
+
+
+def test_options_of_the_computation_are_refused_beside_a_file_of_coefficients(tmp_path: Path) -> None:
+    epw = tmp_path / "none.epw"
+    start = ("dc.npz", "-o", tmp_path / "year.csv", "--weather", epw)
+    options = ("--points", "a.csv", "--subdivision", 2, "--max-depth", 1, "--north", "1,0,0")
+    options += ("--seed", 0, "-D", "a=1")
+    done = run(*start, *options)
+    assert done.exit_code == 2
+    assert "--points, --subdivision, --max-depth, --north, --seed, -D: not used, because dc.npz" in done.output
+    # A scene with closed blinds is computed with these options.
+    done = run(*start, "--blinds", "closed.toml", *options)
+    assert "none.epw" in done.output
+    assert "not used" not in done.output

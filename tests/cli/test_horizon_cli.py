@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from glpath.cli.horizon import _table
+from glpath.errors import SceneWarning
 from tests.support.command_line import run
 
 
@@ -49,6 +51,9 @@ def test_its_picture_has_a_scale(ridge: Path) -> None:
     assert out.read_bytes()[:4] == b"\x89PNG"
 
 
+HOURS = ("--quantity", "sun-hours", "--suns")
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -60,6 +65,9 @@ def test_its_picture_has_a_scale(ridge: Path) -> None:
         (("-o", "a.npy", "--quantity", "sun-hours", "--suns", "bad.csv"), "row 1, altitude: 'x' is no number"),
         (("-o", "a.npy", "--points", "suns.csv"), "has no column x"),
         (("-o", "a.npy", "--points", "ridge.npy"), "no such points are read"),
+        (("-o", "a.npy", *HOURS, "twice.csv"), "has two columns hours"),
+        (("-o", "a.npy", *HOURS, "hour.csv"), "has no column hours"),
+        (("-o", "a.npy", *HOURS, "suns.csv", "--azimuths", "64"), "--azimuths: have no part in"),
         (("-o", "a.npy", "--spacing", "0"), "a spacing of 0"),
     ],
 )
@@ -69,7 +77,27 @@ def test_what_it_refuses(
     monkeypatch.chdir(ridge.parent)
     Path("suns.csv").write_text("azimuth,altitude\n0,30\n")
     Path("bad.csv").write_text("azimuth,altitude\n0,x\n")
+    Path("twice.csv").write_text("azimuth,altitude,hours,hours\n0,30,1,2\n")
+    Path("hour.csv").write_text("azimuth,altitude,hour\n0,30,1\n")
     result = run("horizon", "ridge.npy", *arguments)
     assert result.exit_code in (1, 2)
     text = result.output if result.exception is None else f"{result.output} {result.exception}"
     assert words in text
+
+
+@pytest.mark.parametrize(
+    ("table", "optional", "words"),
+    [
+        ("azimuth,altitude,Duration\n0,30,1\n", "hours", "each sun counts as 1 hour. Columns .*: duration"),
+        ("x,y,height,nz\n0,30,1,1\n", "z", "the points lie on the surface. Columns .*: height, nz"),
+    ],
+)
+def test_a_table_warns_of_columns_that_it_does_not_read(
+    table: str, optional: str, words: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(table)
+    first, second = table.split(",")[:2]
+    with pytest.warns(SceneWarning, match=f"has no column {optional}, so {words}"):
+        found = _table(path, "--suns", (first, second), (optional,))
+    assert {name: values.tolist() for name, values in found.items()} == {first: [0.0], second: [30.0]}

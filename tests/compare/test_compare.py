@@ -53,6 +53,13 @@ def test_too_bright_is_red_and_too_dark_is_blue() -> None:
         compare.difference_image(image, REFERENCE, scale=0)
 
 
+@pytest.mark.parametrize("limit", [np.nan, np.inf, -1.0])
+def test_a_limit_of_differences_is_a_finite_number_from_0(limit: float) -> None:
+    assert compare.percent_beyond(IMAGE, IMAGE, 0.0) == 0.0
+    with pytest.raises(UsageError, match=r"limit: .* where a finite number from 0"):
+        compare.percent_beyond(IMAGE, REFERENCE, limit)
+
+
 @pytest.mark.parametrize("measure", [compare.mse, compare.relative_mse, compare.psnr, compare.mean_ratio])
 def test_pictures_of_two_sizes_or_with_nan_are_refused(measure) -> None:
     with pytest.raises(ImageError, match="the picture is 3 x 2 and the reference 2 x 3"):
@@ -60,6 +67,9 @@ def test_pictures_of_two_sizes_or_with_nan_are_refused(measure) -> None:
     broken = IMAGE.copy()
     broken[0, 0] = np.nan
     with pytest.raises(ImageError, match="1 pixels of the picture are NaN or infinite"):
+        measure(broken, REFERENCE)
+    broken[0, 0] = 1e200  # whose square is no float64
+    with pytest.raises(ImageError, match=r"1 pixels of the picture are .* beyond 1e\+150"):
         measure(broken, REFERENCE)
     with pytest.raises(ImageError, match=r"expected \(H, W, 3\)"):
         measure(np.ones((2, 3)), np.ones((2, 3)))

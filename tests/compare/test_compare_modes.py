@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from glpath.compare import (
     read_limits,
     read_picture,
 )
+from glpath.compare.statistical import _known_bias
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film.image import decode_srgb, read_exr_channels, read_image
 from tests.conftest import MakeFilm
@@ -98,6 +100,24 @@ def test_what_was_made_otherwise_is_named(make_film: MakeFilm) -> None:
         "sampling is sobol here and random in the reference",
     ]
     assert a.differences_in_making(Picture.of_array(a.mean))[0] == "kind is film here and array in the reference"
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "{", "3", "[]", "null", "[" * 100_000, "9" * 5000, '{"mean": 1}', '{"mean": "a", "mean_error": []}'],
+)
+def test_damaged_json_in_a_header_is_no_json(make_film: MakeFilm, text: str) -> None:
+    right = Picture.of_film(make_film([(0, 64)]))
+    header = {"glpath.settings": text, "glpath.bias": text, "glpath.biased": "true"}
+    wrong = replace(right, provenance={**right.provenance, **header})
+    assert wrong.bias == "has a bias, which was not measured"
+    for one, other in ((right, wrong), (wrong, right)):
+        assert all(isinstance(difference, str) for difference in one.differences_in_making(other))
+    # Another program may write a bias without the name of its engine.
+    nameless = {name: value for name, value in wrong.provenance.items() if name != "glpath.integrator"}
+    unnamed = replace(wrong, provenance=nameless)
+    expected = "; the picture, of a nameless engine, has a bias, which was not measured"
+    assert _known_bias(unnamed, right) == expected
 
 
 def test_the_mode_follows_from_the_picture(make_film: MakeFilm) -> None:

@@ -15,7 +15,11 @@ from benchmarks.peers import radiance as radiance_peer
 from benchmarks.scenes.city import City
 from glpath.daylight import compute
 from glpath.daylight.coefficients import DaylightCoefficients
+from glpath.daylight.compass import Compass
 from glpath.daylight.compute import DaylightProgress
+from glpath.daylight.indirect import Indirect
+from glpath.daylight.shard import Shard
+from glpath.daylight.sky_patches import SkyPatches
 from glpath.daylight.visibility import visible
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.io import scene_from_dict
@@ -276,3 +280,88 @@ def test_radiance_finds_the_same_coefficients(subdivision: int) -> None:
     # Of single patches rfluxmtx has some hundred rays: each row's differences are noise, without another order.
     assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.1 * np.sqrt(np.mean(ours**2))
     assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] > 0.99
+
+
+def open_sensor(**fields: Any) -> DaylightCoefficients:
+    """Return coefficients of one sensor that sees all directions, with some fields replaced."""
+    compass = Compass((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
+    made = SkyPatches(1).directions(compass, samples=2)
+    right: dict[str, Any] = {
+        "points": np.zeros((1, 3)),
+        "normals": np.array([[0.0, 0.0, 1.0]]),
+        "receiver": "plane",
+        "subdivision": 1,
+        "up": np.array(compass.up),
+        "north": np.array(compass.north),
+        "latitude": np.nan,
+        "samples": 2,
+        "directions": made.directions,
+        "column": made.patch,
+        "weight": made.weight,
+        "words": np.full((-(-len(made.weight) // 32), 1), 0xFFFFFFFF, np.uint32),
+    }
+    return DaylightCoefficients(**right | fields)
+
+
+RIGHT = open_sensor()
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"points": np.zeros((0, 3))}, "points: none"),
+        ({"points": np.full((1, 3), np.nan)}, r"points\[0, 0\]: nan"),
+        ({"normals": np.zeros((2, 3))}, r"normals: of shape \(2, 3\)"),
+        ({"normals": np.zeros((1, 3))}, "normals: a vector of length 0"),
+        ({"receiver": "cube"}, "receiver: 'cube'"),
+        ({"subdivision": 3}, r"577 patches"),
+        ({"subdivision": 2}, "577 patches and the suns"),
+        ({"subdivision": []}, r"subdivision: \[\]"),
+        ({"up": np.array([0.0, 0.0, 2.0])}, "up: a vector of length 2"),
+        ({"samples": 4}, "where samples is 4"),
+        ({"directions": np.full((322, 3), np.inf)}, r"directions\[0, 0\]: inf"),
+        ({"directions": RIGHT.directions[1:]}, r"column: of shape \(322,\) where \(321,\)"),
+        ({"column": RIGHT.column[::-1].copy()}, "ascending order"),
+        ({"column": np.where(RIGHT.column == 7, 8, RIGHT.column)}, "ascending order"),
+        ({"column": RIGHT.column.astype(float)}, "column: .* whole numbers"),
+        ({"weight": -RIGHT.weight}, r"weight\[0\]: -"),
+        ({"weight": np.full(322, np.nan)}, r"weight\[0\]: nan"),
+        ({"words": RIGHT.words[1:]}, r"words: an array \(10, 1\) of uint32"),
+        ({"words": RIGHT.words.astype(np.uint64)}, "uint64"),
+        ({"shares": np.zeros((3, 1), np.float16)}, r"shares: an array \(3, 1\)"),
+        ({"indirect": Indirect(np.zeros((1, 1)), np.zeros((1, 7)), np.zeros(1))}, "indirect: of other sensors"),
+        ({"shard": Shard(1, 1, "")}, "does not contain 1 sensors"),
+    ],
+)
+def test_coefficients_refuse_wrong_fields(fields: dict[str, Any], words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        open_sensor(**fields)
+
+
+def test_suns_need_their_latitude() -> None:
+    sun = {
+        "directions": np.concatenate([RIGHT.directions, [[0.0, 0.6, 0.8]]]),
+        "column": np.append(RIGHT.column, 146),
+        "weight": np.append(RIGHT.weight, 1.0),
+    }
+    # The sun's irradiance is the cosine of its angle to the normal.
+    assert open_sensor(**sun, latitude=40.0).sun() == pytest.approx(np.array([[0.8]]))
+    assert open_sensor().sky_view == pytest.approx([1.0], rel=5e-3)
+    with pytest.raises(UsageError, match="latitude: nan of suns"):
+        open_sensor(**sun)
+
+
+def test_a_file_with_wrong_fields_is_refused_by_name(tmp_path: Path) -> None:
+    RIGHT.save(tmp_path / "right.npz")
+    assert np.array_equal(DaylightCoefficients.load(tmp_path / "right.npz").sky(), RIGHT.sky())
+    with np.load(tmp_path / "right.npz") as arrays:
+        np.savez(tmp_path / "bad.npz", **{**arrays, "weight": -RIGHT.weight})
+    with pytest.raises(ImageError, match=r"bad.npz: cannot be read as daylight coefficients: weight\[0\]: -"):
+        DaylightCoefficients.load(tmp_path / "bad.npz")
+
+
+@pytest.mark.parametrize("rows", [slice("a", None), slice(None, 1.5), slice(None, None, 0)])
+def test_a_slice_of_sensors_has_whole_numbers(rows: slice) -> None:
+    for method in (RIGHT.sky, RIGHT.sun, RIGHT.sunlight, RIGHT.indirect_sun):
+        with pytest.raises(UsageError, match=r"rows: slice.* where a slice of whole numbers"):
+            method(rows)

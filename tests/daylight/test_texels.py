@@ -14,6 +14,7 @@ import glpath
 from glpath.daylight.merging import merge_coefficients
 from glpath.daylight.texels import Texels, texels
 from glpath.errors import ImageError, SceneError, UsageError
+from glpath.io.export.false_colours import Facets
 from tests.io.test_vtk import arrays
 
 SIZE = np.array([4.0, 3.0, 2.5])
@@ -125,6 +126,10 @@ def test_values_are_shown_on_the_model(tmp_path: Path) -> None:
     told = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])["extras"]
     assert (told["quantity"], told["unit"]) == ("height", "m")
     assert told["last_colour"] == pytest.approx(values.max())
+    legend = Facets(at.corners, "difference", values - 3.0, "m").legend
+    assert (legend["first_colour"], legend["last_colour"]) == (values.min() - 3.0, values.max() - 3.0)
+    with pytest.raises(UsageError, match="values are infinite"):
+        at.to_glb(tmp_path / "b.glb", np.full(len(at), np.inf), quantity="height")
 
 
 def test_what_cannot_be_texels_is_refused(tmp_path: Path) -> None:

@@ -198,6 +198,9 @@ def test_blocks_of_sensors_change_nothing(
     for name in ("autonomy", "useful", "mean", "sun_hours", "irradiation", "sunlight_hours"):
         assert getattr(parted, name) == pytest.approx(getattr(whole, name), rel=1e-5)
     assert parted.light(slice(2, 0, -1)) == pytest.approx(whole.light()[[2, 1]], rel=1e-5)
+    assert parted.light(slice(None, None, -1)) == pytest.approx(whole.light()[::-1], rel=1e-5)
+    with pytest.raises(UsageError, match=r"rows: slice.* where a slice of whole numbers"):
+        parted.light(slice("a", None))
 
 
 def test_files_have_what_the_year_has(of_open_ground: DaylightYear, tmp_path: Path) -> None:
@@ -237,7 +240,8 @@ def test_what_does_not_fit_is_refused(
         ({"coefficients": coefficients(GROUND, latitude=-33.0)}, "of latitude -33"),
         ({"blinds": behind_wall}, "other points"),
         ({"occupied": (18, 8)}, "two hours"),
-        ({"threshold": 0.0}, "more than 0"),
+        ({"threshold": 0.0}, "a finite number above 0"),
+        ({"threshold": np.inf}, "a finite number above 0"),
         ({"ground": 1.5}, "albedo"),
     ):
         given: dict[str, Any] = {"coefficients": open_ground, **arguments}

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.film.charts import field
+from glpath.errors import UsageError
+from glpath.film.charts import colour_range, false_colours, field
 
 
 def test_settings_of_the_current_folder_do_not_change_a_chart() -> None:
@@ -21,6 +22,21 @@ def test_settings_of_the_current_folder_do_not_change_a_chart() -> None:
     with matplotlib.rc_context({"text.usetex": True, "font.size": 40, "axes.grid": True}):
         np.testing.assert_array_equal(field(*arguments), expected)
         assert matplotlib.rcParams["font.size"] == 40
+
+
+def test_false_colours_span_all_values_and_zero() -> None:
+    matplotlib = pytest.importorskip("matplotlib")
+    viridis = matplotlib.colormaps["viridis"]
+    values = np.array([-2.0, 0.0, 6.0, np.nan])
+    assert colour_range(values) == (-2.0, 6.0)
+    found = false_colours(values, colour_range(values))
+    np.testing.assert_array_equal(found[:3], viridis(np.array([0.0, 0.25, 1.0]))[:, :3])
+    assert np.ptp(found[3]) == 0  # grey
+    assert colour_range(np.array([3.0, 5.0])) == (0.0, 5.0)
+    assert colour_range(np.array([-3.0, -5.0])) == (-5.0, 0.0)
+    assert colour_range(np.array([np.nan])) == (0.0, 0.0)
+    with pytest.raises(UsageError, match="1 of 2 values are infinite"):
+        colour_range(np.array([1.0, np.inf]))
 
 
 SETTINGS = """

@@ -109,6 +109,35 @@ def test_mistakes_are_explained(tmp_path: Path) -> None:
         VtkMesh(DESK, [[0, 1, 2]], {"a": np.zeros(2)})
 
 
+def test_names_in_any_language_are_written(tmp_path: Path) -> None:
+    name = "Beleuchtungsstärke 照度"
+    points_with_values(DESK, {name: np.arange(6.0)}).save(tmp_path / "a.vtp")
+    np.testing.assert_array_equal(arrays(tmp_path / "a.vtp")[f"PointData/{name}"], np.arange(6.0))
+
+
+@pytest.mark.parametrize(
+    ("polygons", "values", "words"),
+    [
+        ([[0, 999]], {}, r"polygons\[0\]: names point 999, but there are 6 points"),
+        ([[0, 1], [2, 3, -1]], {}, r"polygons\[1\]: names point -1"),
+        ([[0, 1], []], {}, "polygons: one has no points"),
+        ([1, 2], {}, r"polygons: \[1, 2\] where lists of numbers of points"),
+        ([[0, 1.5]], {}, "lists of numbers of points"),
+        ([[0, np.nan]], {}, "lists of numbers of points"),
+        ([["a"]], {}, "lists of numbers of points"),
+        ([[0, 1]], {"a\x01": np.zeros(6)}, "control characters"),
+        ([[0, 1]], {"a\ud800": np.zeros(6)}, "control characters"),
+        ([[0, 1]], {3: np.zeros(6)}, "3: is no name of values"),
+        ([[0, 1]], {"a": ["x"] * 6}, "a: .* an array of real numbers"),
+        ([[0, 1]], {"a": np.zeros(6, complex)}, "an array of real numbers"),
+        ([[0, 1]], {"a": [[0], [1, 2]] * 3}, "an array of real numbers"),
+    ],
+)
+def test_a_mesh_refuses_what_no_reader_takes(polygons: Any, values: Any, words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        VtkMesh(DESK, polygons, point_data=values)
+
+
 def test_a_missing_package_is_named_with_the_line_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 

@@ -550,6 +550,17 @@ def test_an_overloaded_machine_starts_the_client_late_or_says_so(failures, monke
             clusters_connection._connected(asked, "inproc://a")
 
 
+def test_an_address_is_never_taken_for_a_file(tmp_path, monkeypatch):
+    """A path such as inproc:/a would name a scheduler whose pickles run code."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "inproc:").mkdir()
+    (tmp_path / "inproc:" / "a").write_text(json.dumps({"address": "inproc://other"}))
+    asked = SimpleNamespace(Client=lambda **kind: kind, Security=distributed.Security)
+    assert clusters_connection._connected(asked, "inproc://a")["address"] == "inproc://a"
+    path = str(Path("inproc:", "a"))
+    assert clusters_connection._connected(asked, path)["scheduler_file"] == path
+
+
 def test_an_address_where_nobody_listens_is_refused_in_seconds():
     began = time.monotonic()
     with pytest.raises(ContextError, match=r"no scheduler answers: .*refused"):

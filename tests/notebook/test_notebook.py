@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from glpath.notebook.shaft_scene import ShaftScene
 from glpath.radiosity import Strategy
 from glpath.rendering.job import describe
 from glpath.scene import Camera
+from glpath.scene.model import Shapes
 
 SIZE = (48, 32)
 
@@ -340,6 +342,22 @@ def test_candidates_between_two_shapes_hold_all_that_stands_between() -> None:
     own = np.concatenate([office.polygons_of(name) for name in ("light-1-4", "desk-0-top")])
     touching = np.setdiff1d(np.flatnonzero(opened.shaft.classify(boxes)), own)
     np.testing.assert_array_equal(touching, opened.polygons)
+
+
+def test_polygons_of_a_name_are_those_of_all_shapes_of_that_name() -> None:
+    def quad(x: float) -> dict[str, object]:
+        return {"type": "quad", "corners": [[x, 0, 0], [x, 1, 0], [x, 1, 1], [x, 0, 1]]}
+
+    ball = {"type": "sphere", "center": [9, 0, 0], "radius": 1}
+    camera = {"position": [0, 0, 9], "target": [0, 0, 0]}
+    scene = glpath.load_scene({"camera": camera, "shapes": [ball, quad(0), quad(1), quad(5)], "ambient": 1})
+    names = ("lamp", "lamp", "lamp", "wall")  # a sphere has no polygons
+    shapes = Shapes([replace(shape, name=name) for shape, name in zip(scene.shapes, names, strict=True)])
+    found = ShaftScene(replace(scene, shapes=shapes))
+    assert found.shapes == ["lamp", "wall"]
+    lower, upper = found.box_of("lamp").reshape(2, 3)
+    np.testing.assert_allclose(upper - lower, 1.0)
+    assert found.between("lamp", "wall").others == 0
 
 
 def test_a_shape_that_there_is_not_is_named_with_those_that_are() -> None:

@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +17,8 @@ from glpath.compare.masks import mask_of, masked, padded
 from glpath.compare.picture import Noise
 from glpath.errors import UsageError
 from glpath.film.image import read_image, write_png
+from glpath.pytest_plugin.figures import FigureSettings
+from glpath.pytest_plugin.regression import RenderRegression
 from tests.support.image_suite import GREY, Run
 from tests.support.repository import ROOT
 
@@ -76,6 +80,27 @@ def test_a_mask_takes_whole_blocks_where_noise_is_known() -> None:
     with pytest.raises(UsageError, match="expected rectangles"):
         mask_of([[1, 2], [3]], mean.shape)
     assert padded(picture, (40, 50)).mean.shape == (40, 50, 3)
+
+
+@pytest.mark.parametrize(("kind", "white"), [(np.uint8, 255), (np.uint16, 65535), (np.float64, 1), (np.int64, 1)])
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_a_mask_ignores_what_is_brighter_than_half_of_white(kind, white, channels) -> None:
+    mask = np.zeros((8, 12, *channels), kind)
+    mask[2:5, 3:7] = white
+    mask[0] = white // 50  # nearly black
+    assert np.argwhere(mask_of(mask, (8, 12, 3))).tolist() == [[y, x] for y in (2, 3, 4) for x in range(3, 7)]
+
+
+def test_a_mask_of_the_whole_picture_is_refused() -> None:
+    picture = Picture(np.full((16, 20, 3), 0.5))
+    with pytest.raises(UsageError, match=r"ignore: takes all 320 pixels of the picture, so that nothing is"):
+        masked(picture, mask_of(np.ones((16, 20)), picture.mean.shape))
+    # One pixel of each block of 16 x 16 takes all blocks.
+    noisy = Picture(picture.mean, Noise(np.zeros((16, 20, 3)), np.full((2, 1, 2, 3), 0.5), np.full(2, 8)))
+    mask = mask_of([(15, 0, 2, 1)], picture.mean.shape)
+    assert masked(picture, mask).mean.any()
+    with pytest.raises(UsageError, match=r"in blocks of 16 x 16 pixels"):
+        masked(noisy, mask)
 
 
 def test_pictures_of_two_sizes_are_shown_padded(run: Run, suite, pytester: pytest.Pytester) -> None:
@@ -149,6 +174,52 @@ def test_figures_have_the_style_and_no_text(run: Run, suite, pytester: pytest.Py
     run().stdout.fnmatch_lines(["*of the 40 x 40 pixels that both have*"])
     suite(FIGURE.format(marker="style='no-such-style'", title="", options=""))
     run().stdout.fnmatch_lines(["*glpath: render_regression: style 'no-such-style'*"])
+
+
+class FakeFigure:
+    def savefig(self, file, *, format, dpi=100):
+        if not dpi > 0:
+            raise ZeroDivisionError("of the figure")
+        file.write(b"content")
+
+
+def _regression(tmp_path: Path, **marked: object) -> RenderRegression:
+    """Return the fixture of a test with a marker, without running pytest."""
+    marker = SimpleNamespace(args=(), kwargs=marked)
+    item = SimpleNamespace(
+        name="test_a", nodeid="test_a.py::test_a", path=tmp_path / "test_a.py", iter_markers=lambda name: [marker]
+    )
+    settings = SimpleNamespace(style=None, backend=None, device={})
+    return RenderRegression(item, settings, [])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"limits": 0.01}, "limits: 0.01 where a dictionary"),
+        ({"savefig_kwargs": "png"}, "savefig_kwargs: 'png' where a dictionary"),
+        ({"remove_text": "no"}, "remove_text: 'no' where True or False"),
+        ({"mode": 3}, "mode: 3 where"),
+    ],
+)
+def test_settings_of_wrong_types_fail_the_test(given: dict[str, object], words: str, tmp_path: Path) -> None:
+    picture = np.zeros((2, 2, 3))
+    with pytest.raises(pytest.fail.Exception, match=f"glpath: {words}"):
+        _regression(tmp_path)(picture, **given)
+    with pytest.raises(pytest.fail.Exception, match=f"glpath: {words}"):
+        _regression(tmp_path, **given)(picture)
+    with pytest.raises(pytest.fail.Exception, match="glpath: name: 3 where text"):
+        _regression(tmp_path)(picture, name=3)
+    with pytest.raises(pytest.fail.Exception, match="glpath: baseline_path: 5 where a path"):
+        _regression(tmp_path, baseline_path=5)(picture)
+
+
+def test_arguments_that_savefig_refuses_are_named() -> None:
+    assert FigureSettings(savefig_kwargs={"dpi": 50}).saved(FakeFigure()) == b"content"
+    with pytest.raises(UsageError, match=r"savefig_kwargs \{'dpii': 100\}: .*unexpected keyword"):
+        FigureSettings(savefig_kwargs={"dpii": 100}).saved(FakeFigure())
+    with pytest.raises(UsageError, match="of the figure"):
+        FigureSettings(savefig_kwargs={"dpi": 0}).saved(FakeFigure())
 
 
 HTML = """

@@ -34,7 +34,9 @@ from glpath.rendering import RenderJob
 from glpath.rendering.calls import render
 from glpath.rendering.job import with_overrides
 from glpath.rendering.options import annotation_of, checked, options, settings_of, with_options
+from glpath.rendering.points import lit
 from glpath.rendering.run_options import RunKeywords, RunOptions
+from glpath.scene.geometry import vector
 
 BOX = "cornell-box-36"
 
@@ -171,6 +173,17 @@ def test_values_become_those_of_the_type() -> None:
     settings = checked(PathBufferSettings(ambient=0.5, cell_share=2))  # type: ignore[arg-type]
     assert isinstance(settings, PathBufferSettings)
     assert settings.ambient == (0.5, 0.5, 0.5)
+
+
+def test_an_array_of_another_size_is_refused_before_it_is_copied() -> None:
+    endless = np.broadcast_to(0.5, (1 << 50,))  # a copy takes 8 PiB
+    for value in (endless, np.zeros((3, 1)), [0.1, 0.2]):
+        with pytest.raises(glpath.UsageError, match=r"ambient: .* where 3 finite numbers are needed"):
+            checked(PathBufferSettings(ambient=value))  # type: ignore[arg-type]
+    with pytest.raises(glpath.UsageError, match=r"ambient: .* where 3 finite numbers are needed"):
+        lit(glpath.load_scene(BOX), False, ambient=endless)
+    with pytest.raises(glpath.SceneError, match=r"Scene.ambient: .* three finite numbers"):
+        vector("Scene.ambient", endless)
 
 
 def test_an_option_that_there_is_not_is_named_with_the_nearest() -> None:

@@ -195,6 +195,14 @@ def test_a_geotiff_gives_its_georeference_to_results(tmp_path: Path) -> None:
         np.testing.assert_array_equal(made.read(1), found.sky_view_factor())
 
 
+def test_a_coordinate_system_that_is_none_is_named(tmp_path: Path) -> None:
+    pytest.importorskip("rasterio")
+    found = horizon(HeightField(heights=np.zeros((3, 4)), spacing=(1.0, 1.0), crs="nonsense"))
+    with pytest.raises(glpath.ImageError, match=r"a.tif: cannot be written: "):
+        found.save(tmp_path / "a.tif", np.zeros((3, 4)))
+    assert not list(tmp_path.iterdir())
+
+
 def test_geotiffs_that_are_refused(tmp_path: Path) -> None:
     rasterio = pytest.importorskip("rasterio")
     degrees = {"crs": "EPSG:4326", "transform": rasterio.Affine(1e-4, 0, 9.0, 0, -1e-4, 47.0)}

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.film.charts import COLOUR_MAP, false_colours
+from glpath.film.charts import COLOUR_MAP, colour_range, false_colours
 from glpath.film.image import decode_srgb
 from glpath.io.export import gltf_json
 from glpath.io.export.glb import Glb, y_up_from
@@ -51,9 +51,9 @@ class Facets:
             )
 
     @property
-    def top(self) -> float:
-        """Value of the last colour; the value of the first is 0."""
-        return float(np.nanmax(self.values)) if np.isfinite(self.values).any() else 0.0
+    def ends(self) -> tuple[float, float]:
+        """Values of the first and the last colour. Raises UsageError for infinite values."""
+        return colour_range(self.values)
 
     @property
     def _triangular(self) -> NDArray[np.bool_]:
@@ -70,7 +70,7 @@ class Facets:
 
     def add_to(self, file: Glb, origin: Float64) -> None:
         """Add the faces to a file whose coordinates are relative to an origin (3,)."""
-        colours = decode_srgb(false_colours(self.values, self.top))
+        colours = decode_srgb(false_colours(self.values, self.ends))
         position = (self.corners - origin).reshape(-1, 3).astype(np.float32)
         first = 4 * np.arange(len(self.corners))[:, None]
         halves = np.array([[0, 1, 2]]), np.array([[0, 2, 3]])
@@ -91,18 +91,20 @@ class Facets:
             indices=file.add_array(faces.astype(np.uint32).ravel(), indices=True),
             material=len(file.materials) - 1,
         )
-        name = f"{self.quantity}, 0 to {self.top:.4g} {self.unit}"
+        bottom, top = self.ends
+        name = f"{self.quantity}, {bottom:.4g} to {top:.4g} {self.unit}"
         file.add_node(name, mesh=file.add_mesh(name, [primitive]))
 
     @property
     def legend(self) -> dict[str, object]:
         """Description of the colours for the extras of a .glb."""
+        bottom, top = self.ends
         return {
             "quantity": self.quantity,
             "unit": self.unit,
             "colour_map": COLOUR_MAP,
-            "first_colour": 0.0,
-            "last_colour": self.top,
+            "first_colour": bottom,
+            "last_colour": top,
         }
 
 

@@ -14,6 +14,7 @@ Advanced Surface Concepts", and GetInputViewFactorsbyName of HeatBalanceIntRadEx
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -41,11 +42,11 @@ def file_kind(path: str | Path) -> str:
     Raises UsageError for other names.
     """
     name = Path(path).name.lower()
-    for kind in _UDALES:
-        if name.startswith(kind):
-            return kind
     for kind in ("npz", "csv", "idf"):
         if name.endswith(f".{kind}"):
+            return kind
+    for kind in _UDALES:
+        if re.fullmatch(rf"{re.escape(kind)}(\.\d+)?", name):
             return kind
     raise UsageError(
         f"{path}: is no name of a file of view factors; allowed are .npz, .csv, .idf, vfsparse.inp.001, "

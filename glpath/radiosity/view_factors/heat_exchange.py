@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from glpath.errors import UsageError
@@ -32,6 +33,8 @@ SIGMA = 5.670374419e-8
 # Maximum temperature, K, whose fourth power is finite.
 _HOTTEST = 1e60
 _RANGE = f"0 to {_HOTTEST:g} K"
+# Opening of a row up to which surroundings do not determine its temperature, unless the row's error is larger.
+_CLOSED = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,12 +117,7 @@ def exchange_of(
     emits = np.where(unknown, 0.0, e)
     own = np.where(unknown, 0.0, e * SIGMA * np.where(unknown, 0.0, t) ** 4)
     reflects = 1.0 - emits
-    alone = np.asarray(abs(found.matrix).sum(axis=1)).ravel() == 0
-    if np.all((emits == 0) & ~alone) and n and surroundings is None:
-        raise UsageError(
-            "exchange: no face emits: all temperatures are NaN or all emissivities 0.",
-            "Give one face a temperature, and an emissivity above 0.",
-        )
+    _check_emitters(found, emits > 0, surroundings)
     system = sparse.eye_array(n) - sparse.diags_array(reflects) @ found.matrix
     j = _factorised(system).solve(own + reflects * outside)
     arriving = found.matrix @ j + outside
@@ -128,6 +126,28 @@ def exchange_of(
     return RadiativeExchange(
         np.where(unknown, reached, t), e, found.areas, j, arriving, found.matrix, surroundings, found.names
     )
+
+
+def _check_emitters(found: Any, emits: NDArray[np.bool_], surroundings: float | None) -> None:
+    """Raise UsageError for a room in which no face emits. A room is a set of faces that see one another.
+
+    Surroundings emit into a room that has an opening. Faces without an area see nothing and are not checked.
+    """
+    sees = sparse.csr_array(found.matrix, copy=True)
+    sees.eliminate_zeros()
+    if not sees.nnz:
+        return
+    lit = emits if surroundings is None else emits | (found.enclosure > np.maximum(_CLOSED, found.error))
+    has_area = np.diff(sees.indptr) > 0
+    room = connected_components(sees, directed=False)[1]
+    dark = np.flatnonzero(has_area & (np.bincount(room, has_area & lit)[room] == 0))
+    if dark.size:
+        i = int(dark[0])
+        name = f" ({found.names[i]})" if found.names else ""
+        raise UsageError(
+            f"exchange: no face emits in the room of row {i}{name}: temperatures are NaN or emissivities 0.",
+            "Give one face of each room a temperature, and an emissivity above 0.",
+        )
 
 
 def _factorised(system: Any) -> Any:

@@ -118,6 +118,24 @@ def test_an_open_scene_needs_its_surroundings() -> None:
         known([[0.0, 0.2], [0.2, 0.0]], [1.0, 1.0]).exchange(0.5, 300.0)
 
 
+def test_each_room_needs_a_face_that_emits() -> None:
+    # Two pairs of plates that see each other; a face without an area sees nothing.
+    pairs = [[0, 1, 0, 0, 0], [1, 0, 0, 0, 0], [0, 0, 0, 1, 0], [0, 0, 1, 0, 0], [0, 0, 0, 0, 0]]
+    rooms = known(pairs, [1.0, 1.0, 1.0, 1.0, 0.0])
+    temperature = [300.0, np.nan, np.nan, np.nan, 300.0]
+    with pytest.raises(UsageError, match="no face emits in the room of row 2:"):
+        rooms.exchange(0.5, temperature)
+    with pytest.raises(UsageError, match="no face emits in the room of row 2:"):
+        rooms.exchange(0.5, temperature, surroundings=280.0)
+    with pytest.raises(UsageError, match="no face emits in the room of row 0:"):
+        rooms.exchange(0.5, [np.nan] * 4 + [300.0])
+    # Faces without a net flux have the temperature of the only body that emits to them.
+    temperature[2] = 400.0
+    assert rooms.exchange(0.5, temperature).temperature[:4] == pytest.approx([300.0, 300.0, 400.0, 400.0])
+    opened = known([[0, 0.9], [0.9, 0]], [1.0, 1.0]).exchange(0.5, np.nan, surroundings=280.0)
+    assert opened.temperature == pytest.approx([280.0, 280.0])
+
+
 # Faces without an area
 
 

@@ -41,6 +41,7 @@ from glpath.cli.main import app
 from glpath.errors import GlpathError, ImageError, SceneError, UsageError
 from glpath.radiosity.view_factors import compute
 from glpath.radiosity.view_factors.backs import back_shares
+from glpath.radiosity.view_factors.formats import file_kind
 
 Float64 = NDArray[np.float64]
 L_SHAPE = [[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]]
@@ -536,6 +537,26 @@ def test_an_interruption_waits_for_no_row(tmp_path: Path) -> None:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
     assert time.monotonic() - start < 4
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("svf.inputs.npz", "npz"),
+        ("svf.inp.npz", "npz"),
+        ("vfsparse.input.csv", "csv"),
+        ("vfsparse.inp", "vfsparse.inp"),
+        ("VF.NC.INP.0042", "vf.nc.inp"),
+        ("svf.inputs", None),
+        ("svf.inp.txt", None),
+    ],
+)
+def test_the_whole_name_of_a_file_says_its_format(name: str, kind: str | None) -> None:
+    if kind is not None:
+        assert file_kind(name) == kind
+        return
+    with pytest.raises(UsageError, match="is no name of a file of view factors"):
+        file_kind(name)
 
 
 def test_files(tmp_path: Path) -> None:
