@@ -23,10 +23,12 @@ from glpath.film.film import Film, holds_film, read_image
 from glpath.film.image import (
     FLOAT_PIXEL,
     READABLE,
+    WEBP_HEAD,
     check_scans,
     decode_srgb,
     picture_size,
     read_exr_channels,
+    webp_size,
     without_size_warnings,
 )
 from glpath.system.arguments import checked
@@ -101,6 +103,10 @@ def _stored_size(path: Path) -> tuple[int, int] | None:
             size = picture_size(path)
             return size.width, size.height
         if path.is_file() and suffix in _BY_PILLOW:
+            with path.open("rb") as file:
+                webp = webp_size(file.read(WEBP_HEAD))
+            if webp is not None:
+                return webp
             with without_size_warnings(), Image.open(path, formats=_FORMATS) as image:
                 return image.size
     return None
@@ -145,15 +151,18 @@ def _by_pillow(data: bytes, name: str) -> Picture:
     from PIL import Image, UnidentifiedImageError
 
     with reading(name, "a picture"):
+        if (size := webp_size(data)) is not None:
+            pixels = size[0] * size[1]
+            check_unfolded(3 * pixels, len(data), FLOAT_PIXEL * pixels)
         try:
             with without_size_warnings():
                 image = Image.open(io.BytesIO(data), formats=_FORMATS)
         except UnidentifiedImageError as error:  # Pillow's message would only name an object in memory
             why = "it is cut off, or of an unknown format"
             raise ImageError(f"{name}: cannot be read as a picture: {why}.") from error
-        frames = getattr(image, "n_frames", 1)
-        if frames > 1:
-            raise ImageError(f"{name}: holds {frames} frames.", "Compare them one by one, as Pillow's images.")
+        # Not `n_frames`, which takes quadratic time to count those of a TIFF.
+        if getattr(image, "is_animated", False):
+            raise ImageError(f"{name}: holds several frames.", "Compare them one by one, as Pillow's images.")
         pixels = image.width * image.height
         check_unfolded(pixels * len(image.getbands()), len(data), pixels * FLOAT_PIXEL)
         check_scans(data)

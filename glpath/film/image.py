@@ -13,6 +13,7 @@ import json
 import mmap
 import os
 import re
+import struct
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -57,6 +58,8 @@ _JPEG_MARKER, _END_OF_IMAGE, _START_OF_SCAN = re.compile(rb"\xff([\x02-\xcf\xd8-
 # JPEG: maximum number of scans. A scan of a few bytes may cover all pixels, so many scans are slow to decode.
 # libtiff has this limit, too.
 _MAX_SCANS = 100
+#: Number of bytes at the start of a WebP file that hold its size.
+WEBP_HEAD = 30
 # Bytes of memory for a pixel that is decoded to three float64.
 FLOAT_PIXEL = 24
 # Bytes of memory for a pixel that is decoded to 8 bits per channel.
@@ -515,6 +518,29 @@ def without_size_warnings() -> Iterator[None]:
         yield
 
 
+def webp_size(data: bytes) -> tuple[int, int] | None:
+    """Return width and height from the first chunk of a WebP file [RFC 9649]; None for other formats.
+
+    Pillow would allocate all pixels to read the size. Raises ValueError for a broken file.
+
+    data : the first WEBP_HEAD bytes of the file, or more
+    """
+    if data[:4] != b"RIFF" or data[8:12] != b"WEBP":
+        return None
+    if len(data) < WEBP_HEAD:
+        raise ValueError("it is cut off")
+    chunk = data[12:16]
+    if chunk == b"VP8X":
+        return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")
+    if chunk == b"VP8L":
+        bits = int.from_bytes(data[21:25], "little")
+        return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
+    if chunk == b"VP8 ":
+        width, height = struct.unpack_from("<HH", data, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    raise ValueError(f"its first chunk is {chunk!r}")
+
+
 def check_scans(data: bytes) -> None:
     """Raise ValueError for a JPEG with implausibly many scans (passes over the image); other formats are accepted.
 
@@ -535,7 +561,7 @@ def _read_png(path: Path) -> Float64:
 
     _check_pillow(path, ".png", FLOAT_PIXEL)
     with without_size_warnings():
-        stored = iio.imread(path, plugin="pillow")
+        stored = iio.imread(path, plugin="pillow", index=0)  # the first frame of an animation
     if stored.dtype == np.bool_:  # images of one bit
         stored = stored * np.uint8(255)
     return decode_levels(stored) if stored.dtype == np.uint8 else decode_srgb(stored / np.iinfo(stored.dtype).max)
@@ -546,7 +572,8 @@ def _read_jpeg(path: Path) -> Float64:
 
     _check_pillow(path, ".jpg", FLOAT_PIXEL)
     with without_size_warnings():
-        return decode_levels(iio.imread(path, plugin="pillow", mode="RGB"))  # converted, as a JPEG may be CMYK
+        # Converted, as a JPEG may be CMYK. The first picture, as the format MPO holds several.
+        return decode_levels(iio.imread(path, plugin="pillow", index=0, mode="RGB"))
 
 
 def _read_exr(path: Path, convert: bool = True) -> Float64:
@@ -614,7 +641,9 @@ def _exr_header(path: Path) -> tuple[tuple[int, int], dict[str, Any]]:
     with _openexr(path) as name:
         headers = [part.header for part in OpenEXR.File(name, header_only=True).parts]
     sizes, unfolded, decoded = [], 0, 0
-    for header in headers:
+    for number, header in enumerate(headers, start=1):
+        if header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile):
+            raise ValueError(f"its part {number} has deep pixels, but only flat pixels are read")
         first, last = (corner.astype(np.int64) for corner in header["dataWindow"])
         width, height = (last - first + 1).tolist()
         channels = len(header["channels"])

@@ -6,6 +6,7 @@ Source: Ward 1991, Real pixels (Graphics Gems II); Radiance's color.c and resolu
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from glpath.system.files import open_file
 from glpath.system.npz import check_unfolded
+from glpath.system.time_limit import check_time
 
 _LONGEST_HEADER = 1 << 16
 _RESOLUTION = re.compile(rb"([-+][XY]) (\d{1,9}) ([-+][XY]) (\d{1,9})\n?")
@@ -24,8 +26,9 @@ _MIN_ENCODED = 8
 _MAX_ENCODED = 0x7FFF
 # Bytes of memory for a decoded pixel: three floats.
 _PIXEL_BYTES = 12
-# Number of rows that are converted to floats at once. More rows need more memory and are not faster.
-_ROWS = 64
+# Minimum number of rows that are converted to floats at once, and approximate number of pixels. More of them need
+# more memory and are not faster.
+_ROWS, _BLOCK_PIXELS = 64, 1 << 16
 
 
 class Header(NamedTuple):
@@ -75,25 +78,52 @@ def read_rgbe(path: Path) -> NDArray[np.float32]:
     width, height = header.size
     check_unfolded(4 * width * height, len(data), _PIXEL_BYTES * width * height)
     colours = np.empty((height, width, 3), np.float32)
-    pixels = np.empty((_ROWS, width, 4), np.uint8)
+    rows = max(_ROWS, _BLOCK_PIXELS // width)
+    pixels = np.empty((rows, width, 4), np.uint8)
     position = 0
-    for top in range(0, height, _ROWS):
+    for top in range(0, height, rows):
+        check_time()
         block = pixels[: height - top]
-        for row in block:
-            position = _read_line(data, position, row)
+        if _is_plain(data, position, block.shape):
+            block[:] = np.frombuffer(data, np.uint8, block.size, position).reshape(block.shape)
+            position += block.size
+        else:
+            for row in block:
+                position = _read_line(data, position, row)
         scale = np.ldexp(np.float32(1.0), block[..., 3].astype(np.int32) - 136) / np.float32(header.exposure)
         scale[block[..., 3] == 0] = 0.0
-        np.multiply(block[..., :3], scale[..., None], out=colours[top : top + _ROWS], dtype=np.float32)
+        np.multiply(block[..., :3], scale[..., None], out=colours[top : top + rows], dtype=np.float32)
     left, upwards = header.flips
     return np.ascontiguousarray(colours[:: -1 if upwards else 1, :: -1 if left else 1])
+
+
+def _is_plain(data: bytes, position: int, shape: tuple[int, ...]) -> bool:
+    """Return True if the next rows of a picture are four bytes a pixel, without run lengths and repeated pixels.
+
+    shape : (rows, w, 4)
+    """
+    size, width = math.prod(shape), shape[1]
+    if _is_encoded(data[position : position + 4], width) or len(data) - position < size:
+        return False
+    stored = np.frombuffer(data, np.uint8, size, position).reshape(shape)
+    heads = stored[:, 0]
+    encoded = (heads[:, 0] == 2) & (heads[:, 1] == 2) & (heads[:, 2] < 128)
+    if _MIN_ENCODED <= width <= _MAX_ENCODED and encoded.any():
+        return False
+    ones = stored == 1
+    return not (ones[..., 0] & ones[..., 1] & ones[..., 2]).any()
+
+
+def _is_encoded(head: bytes, width: int) -> bool:
+    """Return True if a line of `width` pixels that starts with the bytes `head` is run-length encoded."""
+    return head[:2] == b"\2\2" and _MIN_ENCODED <= width <= _MAX_ENCODED and head[2] < 128
 
 
 def _read_line(data: bytes, position: int, row: NDArray[np.uint8]) -> int:
     """Decode the line that starts at `position` into `row` (w, 4), and return the start of the next line."""
     width = len(row)
     head = data[position : position + 4]
-    encoded = head[:2] == b"\2\2" and _MIN_ENCODED <= width <= _MAX_ENCODED and head[2] < 128
-    if not encoded:
+    if not _is_encoded(head, width):
         return _read_flat_line(data, position, row)
     if int.from_bytes(head[2:]) != width:
         raise ValueError(f"a line is {int.from_bytes(head[2:])} pixels long, expected {width}")

@@ -11,7 +11,7 @@ from msgspec import UnsetType
 
 from glpath.film.units import EFFICACY, Unit
 from glpath.io import description
-from glpath.io.sun_position import clear_day, sun_positions
+from glpath.io.sun_position import YEARS, clear_day, sun_positions
 from glpath.io.values import unit
 from glpath.io.weather import read_weather
 from glpath.scene.model import Environment, Float64
@@ -188,6 +188,8 @@ def _time(given: description.Sky, zone: float | None, location: SourceLocation) 
         raise location.wrong(
             str(given.time), "a date and time by ISO 8601", 'For example: time = "2024-06-21T12:00".'
         ) from None
+    if time.year not in YEARS:
+        raise location.wrong(str(given.time), f"of a year from {YEARS[0]} to {YEARS[-1]}")
     if time.tzinfo is None:
         if zone is None:
             raise location.error(

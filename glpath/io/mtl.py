@@ -21,8 +21,9 @@ Source: Wavefront, MTL material format (1995); the PBR extension of tinyobjloade
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -48,6 +49,8 @@ _SHORT = {"bump": "map_bump", "map_normal": "norm", "map_kn": "norm", "map_tr": 
 # Number of arguments of each texture option; -o, -s and -t are missing, because they have one to three numbers.
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2, "-texres": 1}
 _OPTIONS |= {"-bm": 1, "-type": 1}
+# Options that are not used, with their values that change nothing; on and off count as 1 and 0.
+_UNUSED_OPTIONS = {"-mm": [0.0, 1.0], "-boost": [0.0], "-cc": [0.0]}
 _TRAILING_OPTIONS = re.compile(
     r"(?:[ \t]{1,8}-(?:(?:[sot]|bm|mm|boost|texres)(?:[ \t]{1,8}[-+.\de]+){1,3}"
     r"|(?:blend[uv]|cc|clamp)[ \t]{1,8}o(?:n|ff)|(?:imfchan|type)[ \t]{1,8}\w+)){1,16}$",
@@ -56,7 +59,11 @@ _TRAILING_OPTIONS = re.compile(
 # Maximum Kd that counts as a fraction; some programs write fractions a little above 1. A larger Kd means that the
 # colours of the file are from 0 to 255.
 _MAX_FRACTION = 2.0
-_UNUSED_MAPS = ("map_ks", "map_ns", "map_ps", "map_pc", "map_pcr", "disp", "decal", "refl")
+_UNUSED_MAPS = (
+    "map_ks", "map_ns", "map_ps", "map_pc", "map_pcr", "map_aniso", "map_anisor", "disp", "decal", "refl",
+)  # fmt: skip
+# Index of a channel in a picture by its name in -imfchan.
+_CHANNELS = {"r": 0, "g": 1, "b": 2, "m": 3}
 _MIRRORS, _GLASS, _REFRACTS = (3, 5, 8), (4, 6, 7, 9), (6, 7)
 
 
@@ -77,6 +84,11 @@ class _Map:
     channel: str | None
     multiplier: float
 
+    @property
+    def index(self) -> int:
+        """Index of the channel that -imfchan names; 4, which no picture has, for the mean of the colours."""
+        return _CHANNELS.get(self.channel or "", 4)
+
 
 @dataclass
 class Library:
@@ -92,6 +104,7 @@ class Library:
     _written: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     _commented: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     _numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
+    _grey: dict[int, bool] = field(default_factory=dict)
     _count: int = 0
     pictures: Pictures = field(init=False)
 
@@ -160,16 +173,35 @@ class Library:
                 for row in rows:
                     row[:] = [repr(real(word) / 255) for word in row]
 
-    def slot(self, key: tuple[object, ...], image: Image, given: _Map, srgb: bool) -> TextureSlot:
-        """Return the texture slot of an image; images of the same `key` are stored once."""
+    def slot(
+        self, key: tuple[object, ...], make: Callable[[], Image], given: _Map, srgb: bool, new_bytes: int = 0
+    ) -> TextureSlot | None:
+        """Return the texture slot of an image, which is made once for each `key`.
+
+        Returns None, with a note, if the images that are made of the pictures become too large for their files.
+
+        new_bytes : bytes of an image that is made; 0 for a view of a picture
+        """
         wrap: Literal["clamp", "repeat"] = "clamp" if given.clamped else "repeat"
         key = (*key, srgb, wrap)
         if key not in self._numbers:
+            try:
+                self.pictures.unfolded.add_derived(new_bytes)
+            except ValueError as error:
+                self.pictures.files.unusable[given.name] = f"which cannot be used, because {error}"
+                return None
+            image = make()
             self.textures.append(
                 Texture(given.name, image, srgb=srgb and image.dtype == np.uint8, wrap=(wrap, wrap))
             )
             self._numbers[key] = len(self.textures) - 1
         return TextureSlot(self._numbers[key], 0, given.matrix)
+
+    def is_grey(self, image: Image) -> bool:
+        """Return True if all colours of a picture are grey; each picture is checked once."""
+        if id(image) not in self._grey:
+            self._grey[id(image)] = not np.ptp(_bytes(image)[..., :3], axis=2).any()
+        return self._grey[id(image)]
 
     def _note(self, text: str) -> None:
         self.notes[text] = None
@@ -208,6 +240,8 @@ class _Reader:
             opacity = 1.0
         texture = self._base_slot(base, alpha)
         emission = np.maximum(self._tint("ke", 1.0 if maps["map_ke"] is not None else 0.0, limited=False), 0.0)
+        if self._number("ps", 0.0) > 0:
+            self.library.notes["Ps, the sheen of cloth."] = None
         for key in _UNUSED_MAPS if "map_kd" in self.written else ("map_ka", *_UNUSED_MAPS):
             if key in self.written:
                 self.library.notes[f"Textures of {key}."] = None
@@ -234,13 +268,19 @@ class _Reader:
         }
         given = rough or metal
         if given is not None:
-            size = given.image.shape[:2]
-            white = np.full(size, 255, np.uint8)
-            # Channels as in glTF: roughness in green, metallic in blue.
-            channels = [white, *(white if each is None else resized(_grey(each), size) for each in (rough, metal))]
+            height, width = given.image.shape[:2]
+
+            def packed() -> Image:
+                white = np.full((height, width), 255, np.uint8)
+                # Channels as in glTF: roughness in green, metallic in blue.
+                greys = (None if each is None else _grey(each) for each in (rough, metal))
+                scaled = [white if grey is None else resized(grey, (height, width)) for grey in greys]
+                return np.stack([white, *scaled], axis=2)
+
             self._same_slot(rough, metal, "map_Pr and map_Pm")
-            key = ("surface", *(None if each is None else (each.name, each.channel) for each in (rough, metal)))
-            fields["surface_texture"] = self.library.slot(key, np.stack(channels, axis=2), given, False)
+            parts = (None if each is None else (id(each.image), each.index) for each in (rough, metal))
+            key = ("surface", *parts)
+            fields["surface_texture"] = self.library.slot(key, packed, given, False, 3 * height * width)
         return fields
 
     def _opacity(self) -> float:
@@ -278,32 +318,40 @@ class _Reader:
             return None
         if alpha is None:
             assert base is not None
-            return self.library.slot((base.name,), base.image[..., :3], base, True)
-        coverage = _alpha(alpha)
-        if base is None:
-            colours = np.full((*coverage.shape, 3), 255, np.uint8)
-        else:
-            colours = _bytes(base.image)[..., :3]
+            return self._slot(base, srgb=True)
+        given = base or alpha
+        height, width = given.image.shape[:2]
+
+        def composed() -> Image:
+            coverage = resized(_alpha(alpha), (height, width))
+            if base is None:
+                return np.dstack([np.full((height, width, 3), 255, np.uint8), coverage])
+            return np.dstack([_bytes(base.image)[..., :3], coverage])
+
+        if base is not None:
             self._same_slot(base, alpha, "map_Kd and map_d")
-        image = np.dstack([colours, resized(coverage, colours.shape[:2])])
-        key = (None if base is None else base.name, "alpha", alpha.name, alpha.channel)
-        return self.library.slot(key, image, base or alpha, True)
+        uses_alpha = alpha.channel is None
+        key = (None if base is None else id(base.image), "alpha", id(alpha.image), uses_alpha, alpha.index)
+        return self.library.slot(key, composed, given, True, 4 * height * width)
 
     def _normal(self, norm: _Map | None, bump: _Map | None) -> dict[str, Any]:
         given = norm or bump
         if given is None:
             return {}
-        image = _bytes(given.image)
-        if norm is None and np.ptp(image[..., :3], axis=2).max(initial=0) == 0:
+        if norm is None and self.library.is_grey(given.image):
             self.library.notes["Maps of heights (map_Bump); normal maps are used."] = None
             return {}
         return {
-            "normal_texture": self.library.slot((given.name,), image[..., :3], given, False),
+            "normal_texture": self.library.slot(
+                (id(given.image),), lambda: _bytes(given.image)[..., :3], given, False
+            ),
             "normal_scale": given.multiplier,
         }
 
     def _slot(self, given: _Map | None, *, srgb: bool) -> TextureSlot | None:
-        return None if given is None else self.library.slot((given.name,), given.image[..., :3], given, srgb)
+        if given is None:
+            return None
+        return self.library.slot((id(given.image),), lambda: given.image[..., :3], given, srgb)
 
     def _same_slot(self, first: _Map | None, second: _Map | None, names: str) -> None:
         if first is not None and second is not None and not np.array_equal(first.matrix, second.matrix):
@@ -311,36 +359,46 @@ class _Reader:
 
     def _map(self, keyword: str) -> _Map | None:
         text = _with_options_first(" ".join(self.written.get(keyword, ())))
-        words = text.split()
-        total = len(words)
+        words, at = text.split(), 0
         scale, offset = np.ones(2), np.zeros(2)
         clamped, channel, multiplier = False, None, 1.0
-        while words and words[0].startswith("-"):
-            option = words.pop(0).lower()
+        while at < len(words) and words[at].startswith("-"):
+            option = words[at].lower()
+            at += 1
             if option in ("-s", "-o", "-t"):
                 numbers: list[float] = []
-                while words and len(numbers) < 3 and _is_number(words[0]) and len(words) > 1:
-                    numbers.append(_number(words.pop(0), 1.0))
+                while at + 1 < len(words) and len(numbers) < 3 and _is_number(words[at]):
+                    numbers.append(_number(words[at], 1.0))
+                    at += 1
                 target = {"-s": scale, "-o": offset}.get(option)
                 if target is not None:
                     target[: len(numbers[:2])] = numbers[:2]
+                elif any(numbers):
+                    self._note_option(option)
                 continue
-            values = words[: _OPTIONS.get(option, 0)]
-            del words[: len(values)]
+            values = words[at : at + _OPTIONS.get(option, 0)]
+            at += len(values)
             if option == "-clamp":
                 clamped = values[:1] == ["on"]
             elif option == "-imfchan" and values:
                 channel = values[0].lower()
             elif option == "-bm" and values:
                 multiplier = _number(values[0], 1.0)
-        if not words:
+            elif option in _UNUSED_OPTIONS:
+                given = [_number(value, float(value.lower() != "off")) for value in values]
+                if given != _UNUSED_OPTIONS[option]:
+                    self._note_option(option)
+        if at >= len(words):
             return None
-        name = text.split(maxsplit=total - len(words))[-1]
+        name = text.split(maxsplit=at)[-1]
         image = self.library.pictures.picture(name)
         if image is None:
             return None
         matrix = np.column_stack([np.diag(scale), offset])
         return _Map(image, name, matrix, clamped, channel, multiplier)
+
+    def _note_option(self, option: str) -> None:
+        self.library.notes[f"The option {option} of textures."] = None
 
     def _tint(self, keyword: str, default: float, *, limited: bool = True) -> Float64:
         """Return the (3,) colour of a keyword, which may have a texture.
@@ -395,14 +453,14 @@ def _with_options_first(text: str) -> str:
 
 def _is_number(word: str) -> bool:
     try:
-        return bool(np.isfinite(real(word)))
+        return math.isfinite(real(word))
     except ValueError:
         return False
 
 
 def _number(word: str, default: float) -> float:
     """Return the number of a word, clamped to ±1e15 for 32-bit floats; the default if it is not a finite number."""
-    return float(np.clip(real(word), -1e15, 1e15)) if _is_number(word) else default
+    return max(-1e15, min(real(word), 1e15)) if _is_number(word) else default
 
 
 def _bytes(image: Image) -> NDArray[np.uint8]:
@@ -416,10 +474,13 @@ def _bytes(image: Image) -> NDArray[np.uint8]:
 def _grey(given: _Map) -> NDArray[np.uint8]:
     """Return one channel (h, w) of a map: the channel that -imfchan names, otherwise the mean of the colours."""
     image = _bytes(given.image)
-    index = {"r": 0, "g": 1, "b": 2, "m": 3}.get(given.channel or "", 4)
-    if index < image.shape[2]:
-        return np.ascontiguousarray(image[..., index])
-    return np.asarray(image[..., :3].mean(axis=2) + 0.5, np.uint8)
+    if given.index < image.shape[2]:
+        return np.ascontiguousarray(image[..., given.index])
+    # Six times the rounded mean, in integers of 16 bits, because floats would take eight times the memory.
+    total = image[..., 0].astype(np.uint16)
+    for index in (1, 2):
+        total += image[..., index]
+    return np.asarray((2 * total + 3) // 6, np.uint8)
 
 
 def _alpha(given: _Map) -> NDArray[np.uint8]:

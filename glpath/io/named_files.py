@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from glpath.system.files import absence_of, reason_of
+from glpath.system.time_limit import check_time
 
 # Maximum number of subfolders that are searched for a missing file.
 _MAX_FOLDERS = 100
@@ -21,6 +22,9 @@ _MAX_FOLDERS = 100
 _MAX_PARTS = 8
 # Encodings that are tried for a file name that is not UTF-8, and has therefore been decoded as Latin-1.
 _ENCODINGS = ("gb18030", "cp932", "big5", "cp949", "cp1250", "cp1251", "cp1252")
+# Maximum cost of all searches of a model for files that are not where they are named. A file that is found
+# elsewhere costs 1; a missing one costs _MISSING, because all spellings and folders are tried.
+_MAX_SEARCHES, _MISSING = 10_000, 10
 # Maximum length of a path on common systems; longer names are not tried in other spellings.
 _MAX_NAME = 4096
 # Maximum number of files that a note lists.
@@ -35,6 +39,7 @@ class Folders:
     def __init__(self) -> None:
         self._names: dict[Path, dict[str, str] | None] = {}
         self._subfolders: dict[Path, list[str]] = {}
+        self._resolved: dict[Path, Path] = {}
 
     def names(self, folder: Path) -> dict[str, str] | None:
         """Return the alphabetically first entry by case-folded name; None if the folder cannot be listed."""
@@ -44,6 +49,12 @@ class Folders:
             except (OSError, ValueError):  # ValueError if the path contains a NUL
                 self._names[folder] = None
         return self._names[folder]
+
+    def resolved(self, folder: Path) -> Path:
+        """Return the absolute path of a folder without links."""
+        if folder not in self._resolved:
+            self._resolved[folder] = folder.resolve()
+        return self._resolved[folder]
 
     def subfolders(self, folder: Path) -> list[str]:
         """Return the names of the alphabetically first _MAX_FOLDERS subfolders; [] if the folder is unreadable."""
@@ -72,6 +83,7 @@ class NamedFiles:
     moved: dict[str, str] = field(default_factory=dict)
     unusable: dict[str, str] = field(default_factory=dict)
     _paths: dict[tuple[Path, str], Path | UnusableError] = field(default_factory=dict)
+    _cost: int = 0
     folders: Folders = field(default_factory=Folders)
 
     def find(self, folder: Path, name: str) -> Path:
@@ -82,14 +94,24 @@ class NamedFiles:
         """
         key = (folder, name)
         if key not in self._paths:
-            try:
-                self._paths[key] = spelt_file(folder, name, self.folders)
-            except UnusableError as error:
-                self._paths[key] = self._elsewhere(folder, name) or error
+            check_time()
+            self._paths[key] = self._searched(folder, name)
         found = self._paths[key]
         if isinstance(found, UnusableError):
             raise found
         return found
+
+    def _searched(self, folder: Path, name: str) -> Path | UnusableError:
+        """Return a file or an error as `find` does. Only the named path is tried after too many searches."""
+        is_over = self._cost >= _MAX_SEARCHES
+        try:
+            if is_over:
+                return _exact_file(folder, name, self.folders)
+            return spelt_file(folder, name, self.folders)
+        except UnusableError as error:
+            path = None if is_over else self._elsewhere(folder, name)
+            self._cost += _MISSING if path is None else 1
+            return path or error
 
     def _elsewhere(self, folder: Path, name: str) -> Path | None:
         spellings = (name, *_spellings(name))
@@ -107,13 +129,17 @@ class NamedFiles:
         if self.moved:
             listed = _listed([f"for {_quoted(name)} {used}" for name, used in self.moved.items()])
             texts.append(f"Paths without a file in the folder of the model ({len(self.moved):,}): {listed}.")
-        for reason in dict.fromkeys(self.unusable.values()):
-            names = [_quoted(name) for name, why in self.unusable.items() if why == reason]
+        names_of: dict[str, list[str]] = {}
+        for name, reason in self.unusable.items():
+            names_of.setdefault(reason, []).append(_quoted(name))
+        for reason, names in names_of.items():
             if len(names) == 1:
                 texts.append(f"The texture {names[0]}, {reason}.")
             else:
                 each = f"each of {reason}" if reason.startswith("which") else f"each {reason}"
                 texts.append(f"{len(names):,} textures, {each}: {_listed(names)}.")
+        if self._cost >= _MAX_SEARCHES:
+            texts.append("Other folders and spellings, after many files that are not where they are named.")
         return texts
 
 
@@ -125,18 +151,27 @@ def named_file(folder: Path, name: str, folders: Folders | None = None) -> Path:
 
     folders : cache of folder listings from earlier searches
     """
+    folders = folders or Folders()
     path = folder / name.replace("\\", "/")
     try:
-        is_inside = _is_inside(path, folder)
+        is_inside = _is_inside(path, folders.resolved(folder))
         if is_inside and os.path.isfile(path):
             return path
-        if (similar := _in_any_case(folder, _parts(name), folders or Folders())) is not None:
+        if (similar := _in_any_case(folder, _parts(name), folders)) is not None:
             return similar
         if not is_inside or _has_drive(name):
             raise UnusableError("which is outside the folder of the model")
         raise UnusableError(f"which {absence_of(path)}")
     except (OSError, RuntimeError, ValueError) as error:  # for a NUL or a circle of links
         raise UnusableError(f"which cannot be read: {reason_of(error)}") from error
+
+
+def _exact_file(folder: Path, name: str, folders: Folders) -> Path:
+    """Return the file at the path `name` below a folder, as it is spelt. Raises UnusableError."""
+    path = folder / name.replace("\\", "/")
+    if os.path.isfile(path) and _is_inside(path, folders.resolved(folder)):
+        return path
+    raise UnusableError("which is not where it is named")
 
 
 def spelt_file(folder: Path, name: str, folders: Folders | None = None) -> Path:
@@ -179,8 +214,8 @@ def without_comment(name: str) -> str:
     return name.partition(" # ")[0].rstrip()
 
 
-def _is_inside(path: Path, folder: Path) -> bool:
-    return path.resolve().is_relative_to(folder.resolve())
+def _is_inside(path: Path, resolved_folder: Path) -> bool:
+    return path.resolve().is_relative_to(resolved_folder)
 
 
 def _has_drive(name: str) -> bool:
@@ -194,9 +229,10 @@ def _parts(name: str) -> list[str]:
 def _of_base_name(folder: Path, parts: Sequence[str], folders: Folders) -> list[Path]:
     """Return the files in a folder and its subfolders with the base name of a path, most similar paths first."""
     ends = [parts[start:] for start in range(max(len(parts) - _MAX_PARTS, 0), len(parts))]
+    base_name = _folded(parts[-1]) if parts else ""
     for name in folders.subfolders(folder) if parts else ():
         names = folders.names(folder / name)
-        if names is None or _folded(parts[-1]) in names:
+        if names is None or base_name in names:
             ends.append([name, parts[-1]])
     found = (_in_any_case(folder, each, folders) for each in ends)
     return list(dict.fromkeys(path for path in found if path is not None))
@@ -215,7 +251,7 @@ def _in_any_case(folder: Path, parts: Sequence[str], folders: Folders) -> Path |
                     return None
                 part = similar
             path /= part
-        if path.is_file() and _is_inside(path, folder):
+        if path.is_file() and _is_inside(path, folders.resolved(folder)):
             return path
     except (OSError, RuntimeError, ValueError):  # for a NUL or a circle of links
         pass

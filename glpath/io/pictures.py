@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError, ImageError, TimeLimitError
-from glpath.film.image import check_scans, picture_size
+from glpath.film.image import WEBP_HEAD, check_scans, picture_size, webp_size
 from glpath.film.image import read_image as read_float_image
 from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.named_files import NamedFiles, UnusableError
@@ -83,6 +83,10 @@ class Pictures:
                 size = picture_size(path)
                 self._check(path, size.width, size.height, 4 * size.channels, 4 * BYTE_PIXEL)
                 return read_float_image(path).astype(np.float32)
+            with path.open("rb") as file:
+                webp = webp_size(file.read(WEBP_HEAD))
+            if webp is not None:
+                self._check(path, *webp, 3, DECODING_PIXEL["WEBP"])
             import PIL.Image
 
             with warnings.catch_warnings():
@@ -91,8 +95,9 @@ class Pictures:
                     if opened.format in ("JPEG", "MPO"):
                         check_scans(path.read_bytes())
                     bytes_each = 4 if opened.mode == "F" else 1
-                    pixel = DECODING_PIXEL.get(opened.format or "", BYTE_PIXEL * bytes_each)
-                    self._check(path, *opened.size, len(opened.getbands()) * bytes_each, pixel)
+                    if webp is None:
+                        bands = len(opened.getbands())
+                        self._check(path, *opened.size, bands * bytes_each, BYTE_PIXEL * bytes_each)
                     return pixels_of(opened)
         except (UnusableError, TimeLimitError):
             raise

@@ -22,6 +22,8 @@ from glpath.scene.model import Float64
 
 Times = NDArray[np.datetime64]
 
+#: Years of times. 64 bits of nanoseconds, with which pvlib may compute, hold no others, and would wrap around.
+YEARS = range(1678, 2262)
 # Maximum distance of the sun from the horizon, degrees, in the middle of an hour in which it rises or sets. The sun
 # moves 7.5 degrees in half an hour.
 _LOW = 12.0

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError, SceneError, warn
-from glpath.io.sun_position import SunPosition, Times, quiet_pvlib, sun_of_hours
+from glpath.io.sun_position import YEARS, SunPosition, Times, quiet_pvlib, sun_of_hours
 from glpath.scene.model import Float64
 from glpath.scene.perez_sky import PRECIPITABLE_WATER, PerezSky, extraterrestrial, precipitable_water
 from glpath.scene.source_location import shown
@@ -327,6 +327,9 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
     if not len(begin):
         raise SceneError(f"{source}: has no hour.")
     times = _of_one_year(begin)
+    year = int(times[0].astype("datetime64[Y]").astype(np.int64)) + 1970
+    if year not in YEARS:
+        raise SceneError(f"{source}: has the year {year}, but allowed is from {YEARS[0]} to {YEARS[-1]}.")
     steps = np.diff(times).astype(np.int64)
     new_year = np.flatnonzero(steps <= 0)
     if len(new_year) == 1 and times[-1] < times[0]:  # hours are rotated, because the year may start in any month

@@ -41,6 +41,13 @@ _RATIO = 64
 _DECODED_RATIO = 8 * _RATIO
 # The same for all pictures of a model together. Lossy pictures of smooth surfaces reach a ratio of 200.
 _PICTURES_RATIO = 256
+# Size of all images that are computed from the pictures of a model that is always accepted, bytes.
+_DERIVED = 512 << 20
+# Maximum ratio of the size of these images to the stored bytes of the pictures, for larger images. Floats are four
+# times as large as colours of 8 bits.
+_DERIVED_RATIO = 8 * _PICTURES_RATIO
+# Maximum size of these images in any case, bytes.
+_MAX_DERIVED = 1 << 33
 
 
 class Arrays:
@@ -162,11 +169,15 @@ def check_unfolded(unfolded: int, stored: int, decoded: int = 0) -> None:
 
 @dataclass
 class UnfoldedPictures:
-    """Sums of the sizes of all pictures of a model in bytes, which `add` limits as `check_unfolded` does."""
+    """Sums of the sizes of all pictures of a model in bytes, which `add` limits as `check_unfolded` does.
+
+    derived : size of the images that are computed from the pictures
+    """
 
     unfolded: int = 0
     stored: int = 0
     decoded: int = 0
+    derived: int = 0
 
     def add(self, unfolded: int, stored: int, decoded: int) -> None:
         """Count a picture before it is decoded. Raises ValueError if the sums become too large.
@@ -181,6 +192,17 @@ class UnfoldedPictures:
                 f"{_PICTURES_RATIO} times is read, so make large plain pictures smaller"
             )
         self.unfolded, self.stored, self.decoded = sums
+
+    def add_derived(self, size: int) -> None:
+        """Count an image before it is computed from pictures. Raises ValueError if their sum becomes too large."""
+        derived = self.derived + size
+        allowed = max(_DERIVED, min(_DERIVED_RATIO * self.stored, _MAX_DERIVED))
+        if derived > allowed:
+            raise ValueError(
+                f"images of {derived / 1e9:,.3g} GB would be computed from {self.stored:,} bytes of pictures, but "
+                f"{allowed / 1e9:,.3g} GB are allowed, so make large plain pictures smaller"
+            )
+        self.derived = derived
 
 
 def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype[Any], int]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import struct
+import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -25,6 +27,7 @@ from glpath.compare.reading import check_sizes
 from glpath.errors import ImageError
 from glpath.film.image import decode_srgb, read_image, write_exr
 from tests.conftest import MakeFilm
+from tests.io.test_pictures import webp_of
 
 rng = np.random.default_rng(0)
 RGB = rng.integers(0, 256, (6, 5, 3), dtype=np.uint8)
@@ -198,7 +201,7 @@ def test_what_is_no_picture_says_so(tmp_path: Path) -> None:
     (tmp_path / "b.png").write_bytes(content(frames[0])[:40])
     (tmp_path / "c.png").write_text("not a picture")
     for name, message in (
-        ("a.gif", "a.gif: holds 2 frames"),
+        ("a.gif", "a.gif: holds several frames"),
         ("b.png", "b.png: cannot be read as a picture"),
         ("c.png", "c.png: cannot be read as a picture"),
         ("d.png", "d.png: there is no such file"),
@@ -208,6 +211,40 @@ def test_what_is_no_picture_says_so(tmp_path: Path) -> None:
             read_picture(tmp_path / name)
     with pytest.raises(ImageError, match="9 bytes: cannot be read as a picture"):
         picture_from_bytes(b"some text")
+
+
+def tiff_of(pages: int) -> bytes:
+    """A TIFF of grey pages of one pixel, each a directory of five entries."""
+    out = bytearray(b"II*\0" + struct.pack("<I", 8))
+    for page in range(pages):
+        entries = ((256, 1), (257, 1), (258, 8), (262, 1), (273, 8))
+        after = len(out) + 2 + 12 * len(entries) + 4
+        out += struct.pack("<H", len(entries))
+        out += b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in entries)
+        out += struct.pack("<I", after if page + 1 < pages else 0)
+    return bytes(out)
+
+
+def test_a_tiff_of_very_many_pages_is_refused_quickly(tmp_path: Path) -> None:
+    (tmp_path / "a.tif").write_bytes(tiff_of(10_000))
+    start = time.process_time()
+    with pytest.raises(ImageError, match=r"a\.tif: holds several frames"):
+        read_picture(tmp_path / "a.tif")
+    assert time.process_time() - start < 1
+    Image.new("L", (1, 1)).save(tmp_path / "b.tif")
+    assert read_picture(tmp_path / "b.tif").mean.shape == (1, 1, 3)
+
+
+def test_the_size_of_a_webp_picture_is_checked_before_pillow_opens_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Image.new("RGB", (4, 3)).save(tmp_path / "b.webp", lossless=True)
+    monkeypatch.setattr(Image, "open", None)
+    (tmp_path / "a.webp").write_bytes(webp_of(8192))
+    with pytest.raises(ImageError, match=r"unfold to 1\.61 GB"):
+        read_picture(tmp_path / "a.webp")
+    with pytest.raises(ImageError, match=r"8192 x 8192 .* 4 x 3"):
+        check_sizes(tmp_path / "a.webp", tmp_path / "b.webp")
 
 
 # ---- glpath diff

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import imageio.v3 as iio
@@ -270,6 +271,25 @@ def test_exr_of_very_many_channels_or_attributes_is_refused(tmp_path: Path) -> N
         path.write_bytes(content[:8] + added + content[8:])
         with pytest.raises(ImageError, match="its header has more than 4,096 attributes and channels"):
             image.read_image(path)
+
+
+@pytest.mark.parametrize("kind", [OpenEXR.deepscanline, OpenEXR.deeptile])
+def test_deep_parts_of_an_exr_are_refused(
+    kind: OpenEXR.Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    image.write_exr(tmp_path / "a.exr", np.zeros((2, 2, 3)))
+    flat = OpenEXR.File(str(tmp_path / "a.exr"), header_only=True).parts[0]
+    deep = SimpleNamespace(header={**flat.header, "type": kind})
+    monkeypatch.setattr(OpenEXR, "File", lambda *_, **__: SimpleNamespace(parts=[flat, deep]))
+    for read in (image.read_image, image.picture_size, image.read_exr_channels):
+        with pytest.raises(ImageError, match="its part 2 has deep pixels, but only flat pixels are read"):
+            read(tmp_path / "a.exr")
+
+
+def test_an_animated_png_is_its_first_frame(tmp_path: Path) -> None:
+    frames = [Image.new("RGB", (3, 2), (level, 0, 0)) for level in (255, 0, 9)]
+    frames[0].save(tmp_path / "a.png", save_all=True, append_images=frames[1:])
+    np.testing.assert_array_equal(image.read_image(tmp_path / "a.png"), np.broadcast_to([1.0, 0, 0], (2, 3, 3)))
 
 
 def test_later_parts_of_an_exr_count_against_the_limit_of_unfolded_bytes(

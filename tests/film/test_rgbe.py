@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -99,3 +100,27 @@ def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, content: bytes, expec
     (tmp_path / "a.hdr").write_bytes(content)
     with pytest.raises(ImageError, match=rf"a.hdr: cannot be read as .hdr: .*({expected})"):
         read_image(tmp_path / "a.hdr")
+
+
+@pytest.mark.parametrize("repeated", [False, True])
+def test_many_narrow_lines_are_read_in_a_moment(repeated: bool, tmp_path: Path) -> None:
+    """The last line of the second picture repeats a pixel."""
+    rgbe = np.full((200_000, 2, 4), 7, np.uint8)
+    rgbe[:, 0, 0] = np.arange(len(rgbe)) % 251
+    content = rgbe.tobytes()
+    if repeated:
+        content = content[:-4] + bytes([1, 1, 1, 1])
+        rgbe[-1, 1] = rgbe[-1, 0]
+    (tmp_path / "a.hdr").write_bytes(HEAD + b"\n-Y 200000 +X 2\n" + content)
+    start = time.process_time()
+    found = read_rgbe(tmp_path / "a.hdr")
+    assert time.process_time() - start < 0.7
+    np.testing.assert_array_equal(found, np.ldexp(rgbe[..., :3].astype(np.float32), 7 - 136))
+
+
+def test_a_flat_line_may_stand_beside_encoded_ones(tmp_path: Path) -> None:
+    rgbe = pixels(4, 40)
+    rgbe[(rgbe[..., :3] == 1).all(axis=2) | (rgbe[..., :2] == 2).all(axis=2)] = 7
+    lines = [rgbe[:2].tobytes(), run_lengths(rgbe[2:3]), repeats(rgbe[3:])]
+    (tmp_path / "a.hdr").write_bytes(HEAD + b"\n-Y 4 +X 40\n" + b"".join(lines) + bytes(640))
+    np.testing.assert_array_equal(read_rgbe(tmp_path / "a.hdr"), colours(rgbe).astype(np.float32))

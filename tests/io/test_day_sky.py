@@ -149,6 +149,9 @@ def test_of_an_hour_of_a_weather_file(tmp_path: Path) -> None:
         ({"type": "sun", "direct": 600, "diffuse": 10, **SUN, "sun_disc": False}, "is of the sun alone"),
         ({**NOON, "time": "noon"}, "a date and time by ISO 8601"),
         ({**NOON, "time": "2024-06-21T12:30Z"}, "has an offset, and the sky a `timezone`"),
+        ({**NOON, "time": "2924-06-21T12:30"}, "of a year from 1678 to 2261"),
+        ({**NOON, "time": "0001-01-01T00:00", "timezone": 14}, "of a year from 1678 to 2261"),
+        ({**NOON, "time": "9999-12-31T23:00", "timezone": -14}, "of a year from 1678 to 2261"),
     ],
 )
 def test_wrong_skies_are_refused(sky: dict[str, Any], message: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import random
 import re
+import time
 import warnings
 from dataclasses import fields
 from itertools import product
@@ -23,6 +24,7 @@ from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.film.image import decode_srgb
 from glpath.io import scene_cameras, scene_parameters
 from glpath.io.completed import aside
+from glpath.io.mtl import Library, _Reader
 from glpath.io.values import nearby_files
 from glpath.rendering.job import RenderJob, describe
 from glpath.scene import Environment, Material, Scene, check_scene
@@ -464,6 +466,81 @@ def test_options_of_a_texture_may_follow_its_name(tmp_path: Path) -> None:
         assert material.texture is not None
         assert material.texture.uv_transform.tolist() == [[2, 0, 0], [0, 3, 0]]
         assert material.normal_scale == 0.5
+
+
+@pytest.mark.parametrize(
+    ("statement", "note"),
+    [
+        ("map_Kd -mm 0.25 0.5 a.png", "The option -mm of textures."),
+        ("map_Kd -mm 0 1 a.png", ""),
+        ("map_Kd -mm 0.0 1.0 a.png", ""),
+        ("map_Kd -t 0.1 a.png", "The option -t of textures."),
+        ("map_Kd -t 0 0 0 a.png", ""),
+        ("map_Kd -boost 2 a.png", "The option -boost of textures."),
+        ("map_Kd -boost 0 a.png", ""),
+        ("map_Kd a.png -cc on", "The option -cc of textures."),
+        ("map_Kd -cc off a.png", ""),
+        ("Ps 0.5", "Ps, the sheen of cloth."),
+        ("Ps 0", ""),
+        ("map_Ps a.png", "Textures of map_ps."),
+        ("map_aniso a.png", "Textures of map_aniso."),
+    ],
+)
+def test_statements_of_mtl_without_effect_are_noted_if_they_ask_for_one(
+    tmp_path: Path, statement: str, note: str
+) -> None:
+    Image.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / "a.png")
+    path = square(tmp_path, f"newmtl m\n{statement}\n")
+    assert [text.partition("not used: ")[2] for text in said(path)][:-1] == [note] * bool(note)
+
+
+def test_many_options_of_a_texture_are_read_in_linear_time(tmp_path: Path) -> None:
+    Image.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / "a.png")
+    library = Library(tmp_path)
+    reader = _Reader(library, "m", {"map_kd": ["-texres", "1", "-o", "1"] * 25_000 + ["-s", "2", "a.png"]})
+    start = time.process_time()
+    read = reader._map("map_kd")
+    assert time.process_time() - start < 1
+    assert read is not None
+    assert read.matrix.tolist() == [[2, 0, 1], [0, 1, 0]]
+
+
+def test_unknown_channels_of_a_picture_make_one_texture(tmp_path: Path) -> None:
+    """A word that names no channel is the mean of the colours, which is 7 of (5, 8, 9), rounded."""
+    Image.new("RGB", (4, 4), (5, 8, 9)).save(tmp_path / "a.png")
+    names = tuple(f"m{i}" for i in range(20))
+    mtl = "".join(
+        f"newmtl {name}\nmap_Kd a.png\nmap_Pr -imfchan {name} a.png\nmap_d -imfchan {name} ./a.png\n"
+        for name in names
+    )
+    scene = quiet(square(tmp_path, mtl + "newmtl g\nmap_Pr -imfchan g a.png\n", names=(*names, "g")))
+    found = [texture.image[0, 0].tolist() for texture in scene.textures]
+    assert found == [[255, 7, 255], [5, 8, 9, 7], [255, 8, 255]]
+
+
+@pytest.mark.parametrize("levels", [(0, 0, 0), (1, 0, 0), (1, 1, 0), (254, 255, 255), (255, 255, 255)])
+def test_the_mean_of_colours_is_rounded_to_the_nearest_level(levels: tuple[int, int, int], tmp_path: Path) -> None:
+    Image.new("RGB", (1, 1), levels).save(tmp_path / "a.png")
+    (texture,) = quiet(square(tmp_path, "newmtl m\nmap_Pr a.png\n")).textures
+    assert texture.image[0, 0, 1] == round(sum(levels) / 3)
+
+
+def test_textures_that_are_composed_of_two_pictures_are_limited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each of 16 pairs of pictures is a texture of its own. Three are within the limit."""
+    names = []
+    mtl = []
+    for i in range(4):
+        Image.new("RGB", (16, 16)).save(tmp_path / f"a{i}.png")
+        for j in range(4):
+            names.append(f"m{i}{j}")
+            mtl.append(f"newmtl m{i}{j}\nmap_Kd a{i}.png\nmap_d a{j}.png\n")
+    monkeypatch.setattr("glpath.system.npz._DERIVED", 3 * 4 * 16 * 16)
+    monkeypatch.setattr("glpath.system.npz._DERIVED_RATIO", 1)
+    path = square(tmp_path, "".join(mtl), names=tuple(names))
+    assert len(quiet(path).textures) == 3
+    assert any("would be computed from" in text for text in said(path))
 
 
 @pytest.mark.parametrize(("colour", "texture"), [("Kd", "map_Kd"), ("Ke", "map_Ke")])

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import time
 import tracemalloc
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
 
@@ -14,11 +16,13 @@ import pytest
 from PIL import Image
 
 from glpath import load_scene
-from glpath.errors import SceneError
+from glpath.errors import SceneError, TimeLimitError
 from glpath.film.image import decode_srgb
 from glpath.io.completed import aside
+from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.io.pictures import Pictures, pixels_of
 from glpath.scene.model import Scene
+from glpath.system.time_limit import limited, named_work
 
 BROWN = (120, 80, 40)
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
@@ -356,3 +360,67 @@ def test_webp_pictures_count_the_copies_that_their_decoder_holds(
     monkeypatch.setattr("glpath.system.npz._UNFOLDED", 16 * 512 * 512 - 1)
     with pytest.raises(SceneError, match="unfold to") if form == "gltf" else pytest.warns(match="unfold to"):
         load_scene(path)
+
+
+def webp_of(side: int) -> bytes:
+    """The start of a WebP file whose header says that it is `side` pixels wide and high."""
+    head = b"VP8X" + (10).to_bytes(4, "little") + bytes(4) + (side - 1).to_bytes(3, "little") * 2
+    return b"RIFF" + (len(head) + 4).to_bytes(4, "little") + b"WEBP" + head
+
+
+@pytest.mark.parametrize(("side", "words"), [(16_384, "of 16,384 x 16,384 pixels"), (8192, "unfold to 1.07 GB")])
+def test_the_size_of_a_webp_picture_is_checked_before_pillow_opens_it(
+    side: int, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pillow's decoder allocates all pixels when it opens a file."""
+    monkeypatch.setattr(Image, "open", None)
+    (tmp_path / "a.webp").write_bytes(webp_of(side))
+    with pytest.raises(UnusableError, match=words):
+        Pictures(tmp_path).read("a.webp")
+
+
+def test_missing_files_are_searched_for_up_to_a_maximum(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two missing files cost as much as all searches; then a file is found by its exact name alone."""
+    monkeypatch.setattr("glpath.io.named_files._MAX_SEARCHES", 20)
+    for name in ("a.png", "b.png", "c.png", "d.png"):
+        (tmp_path / name).touch()
+    files = NamedFiles()
+    for name, stored in (("x.png", "a.png"), ("y.png", "b.png")):
+        assert files.find(tmp_path, f"elsewhere/{stored}") == tmp_path / stored
+        with pytest.raises(UnusableError, match="which does not exist"):
+            files.find(tmp_path, name)
+    with pytest.raises(UnusableError, match="which is not where it is named"):
+        files.find(tmp_path, "elsewhere/c.png")
+    assert files.find(tmp_path, "d.png") == tmp_path / "d.png"
+    assert any("after many files that are not where they are named" in text for text in files.notes())
+
+
+def test_a_link_to_the_outside_is_not_followed_after_many_searches(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("glpath.io.named_files._MAX_SEARCHES", 0)
+    (tmp_path / "model").mkdir()
+    (tmp_path / "a.png").touch()
+    (tmp_path / "model" / "a.png").symlink_to(tmp_path / "a.png")
+    with pytest.raises(UnusableError):
+        NamedFiles().find(tmp_path / "model", "a.png")
+
+
+def test_very_many_missing_files_are_reported_in_linear_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("glpath.io.named_files._MAX_SEARCHES", 500)
+    files = NamedFiles()
+    start = time.process_time()
+    for number in range(5000):
+        with suppress(UnusableError):
+            files.find(tmp_path, f"a/b/{number}.png")
+        files.unusable[f"{number}.png"] = f"which has the number {number}"
+    assert len(files.notes()) == 5001
+    assert time.process_time() - start < 0.6
+
+
+def test_a_search_for_files_ends_at_the_time_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glpath.system.time_limit.GRACE", 0.0)
+    with pytest.raises(TimeLimitError), limited(1e-9), named_work("reading a model"):
+        NamedFiles().find(tmp_path, "a.png")

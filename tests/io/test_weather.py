@@ -212,6 +212,7 @@ def test_missing_hours_are_counted(
         ),
         (lambda i, row: [*row[:3], "\u0661", *row[4:]] if i == 5 else row, "line 14 has .* as year"),
         (lambda i, row: [*row[:3], "0" if i else "1" * 5000, *row[4:]], "line 9 has .* as year"),
+        (lambda i, row: ["2924", *row[1:]], "has the year 2924, but allowed is from 1678|is broken: OutOfBounds"),
         (lambda i, row: None, "has no hour|is broken"),
     ],
 )

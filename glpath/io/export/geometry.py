@@ -33,6 +33,25 @@ class Notes:
         )
 
 
+class UniqueNames:
+    """Names of which no two are equal: a name that is in use already gets a number."""
+
+    def __init__(self, *reserved: str) -> None:
+        self._used = set(reserved)
+        self._numbers: dict[str, int] = {}
+
+    def of(self, name: str) -> str:
+        """Return `name`, or NAME-2, NAME-3 and so on if it is in use."""
+        # The search starts at the last number of the name, because it would take quadratic time from 2 on.
+        unique, number = name, self._numbers.get(name, 1)
+        while unique in self._used:
+            number += 1
+            unique = f"{name}-{number}"
+        self._numbers[name] = number
+        self._used.add(unique)
+        return unique
+
+
 def listed(names: list[str]) -> str:
     """Return a text with the first three names, in quotation marks and separated by commas."""
     return ", ".join(f'"{name}"' for name in names[:3]) + (", ..." if len(names) > 3 else "")

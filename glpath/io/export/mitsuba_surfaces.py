@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from glpath.io.export.geometry import Notes, map_downwards
+from glpath.io.export.geometry import Notes, UniqueNames, map_downwards
 from glpath.scene.geometry import Float64
 from glpath.scene.material import SLOTS, SMOOTH, Material, Texture, TextureSlot, metal_reflectance
 from glpath.scene.model import Scene
@@ -38,16 +38,10 @@ class Names:
     """Unique names that Mitsuba accepts, without dots."""
 
     def __init__(self) -> None:
-        self._used = {"type", "integrator", "sensor"}
+        self._names = UniqueNames("type", "integrator", "sensor")
 
     def of(self, text: str) -> str:
-        plain = re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-") or "unnamed"
-        name, number = plain, 1
-        while name in self._used:
-            number += 1
-            name = f"{plain}-{number}"
-        self._used.add(name)
-        return name
+        return self._names.of(re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-") or "unnamed")
 
 
 def rgb(values: Float64) -> Plugin:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.image import check_scans
+from glpath.film.image import check_scans, webp_size
 from glpath.io.gltf import compression
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.limits import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
@@ -101,27 +101,10 @@ def _size(data: bytes, kind: str) -> tuple[int, int, int]:
     """Return width, height and number of channels; for KTX 2, bytes per compressed pixel instead of channels."""
     if kind == "KTX2":
         return *struct.unpack_from("<II", data, 20), 1
-    if kind == "WEBP":
-        return *_webp_size(data), 3
+    if (size := webp_size(data)) is not None:
+        return *size, 3
     with _opened(data, kind) as opened:
         return int(opened.size[0]), int(opened.size[1]), len(opened.getbands())
-
-
-def _webp_size(data: bytes) -> tuple[int, int]:
-    """Return width and height from the first chunk of a WebP file [RFC 9649].
-
-    Pillow would allocate all pixels to read the size.
-    """
-    chunk = data[12:16]
-    if chunk == b"VP8X":
-        return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")
-    if chunk == b"VP8L":
-        bits = int.from_bytes(data[21:25], "little")
-        return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
-    if chunk == b"VP8 ":
-        width, height = struct.unpack_from("<HH", data, 26)
-        return width & 0x3FFF, height & 0x3FFF
-    raise ValueError(f"its first chunk is {chunk!r}")
 
 
 def _pixels(data: bytes, kind: str) -> NDArray[Any]:

@@ -20,9 +20,11 @@ from glpath.scene.source_location import shown
 _KINDS = dict.fromkeys(("perspective", "thinlens", "orthographic"))
 _FILMS = dict.fromkeys(("hdrfilm",))
 _AXES = ("x", "y", "diagonal", "smaller", "larger")
-_LENGTH = re.compile(r"\s*([0-9.]+)\s*mm\s*")
+_LENGTH = re.compile(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*mm\s*")
 # Diagonal of a 35 mm film frame, 24 x 36 mm, to which focal lengths refer.
 _DIAGONAL = float(np.hypot(24.0, 36.0))
+# Range of focal lengths, mm.
+_FOCAL_LENGTHS = (1e-3, 1e6)
 _RESOLUTION = (768, 576)
 # Maximum depth of a near plane that counts as cutting off nothing, as a fraction of the scene's diagonal.
 _NEGLIGIBLE = 1e-2
@@ -125,8 +127,11 @@ def _vertical(plugin: Plugin, width: int, height: int) -> float:
     axis = plugin.text("fov_axis", "x", _AXES)
     if given:
         found = _LENGTH.fullmatch(given)
-        if found is None or not float(found[1]) > 0:
-            raise plugin.where("focal_length").error(f"is {shown(given)}, but must be a length such as 50mm.")
+        low, high = _FOCAL_LENGTHS
+        if found is None or not low <= float(found[1]) <= high:
+            raise plugin.where("focal_length").error(
+                f"is {shown(given)}, but must be a length from {low:g}mm to {high:,.0f}mm, such as 50mm."
+            )
         tangent, axis = 0.5 * _DIAGONAL / float(found[1]), "diagonal"
     elif "fov" in plugin:
         tangent = float(np.tan(np.radians(plugin.number("fov", 40.0, 1e-3, 179.99)) / 2))

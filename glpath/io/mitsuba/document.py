@@ -32,8 +32,13 @@ _MAX_VALUES = 2**22
 # Maximum depth of plugins nested by `<ref>`s. If each plugin has two `<ref>`s, the number of plugins doubles with
 # each level.
 _MAX_REFERENCES = 16
+# Maximum number of plugins that are read, with their children. A plugin to which several `<ref>`s refer counts for
+# each of them.
+_MAX_PLUGINS = 2**23
 # Maximum length of a parameter's name in characters, and maximum number of `<path>`s in a scene with its includes.
 _MAX_NAME, _MAX_PATHS = 256, 2**10
+# Maximum number of paths in all that are tried to find the files of a scene. Each takes a few microseconds.
+_MAX_LOOKUPS = 2**21
 _DOLLAR = re.compile(r"\$(\w+)")
 _VERSION = re.compile(r"([0-9]{1,4})(\.|$)")
 _CAMEL = re.compile(r"([a-z0-9])([A-Z])")
@@ -41,19 +46,53 @@ _CAMEL = re.compile(r"([a-z0-9])([A-Z])")
 _RENAMED = {"lookAt": "lookat"}
 
 
+class SearchPath:
+    """Folders in which a scene's files are looked for if they are not beside the file that names them.
+
+    The folders are that of the scene, then those of its `<path>`s.
+    """
+
+    def __init__(self, scene_folder: Path) -> None:
+        self.folders = [scene_folder]
+        self._lookups = 0
+        self._found: dict[tuple[Path, str, int], Path] = {}
+
+    def find(self, folder: Path, name: str, location: SourceLocation) -> Path:
+        """Return the path of a file in `folder` or else in the other folders; if none has it, that in `folder`.
+
+        Each name is looked for once. Raises SceneError after _MAX_LOOKUPS paths.
+        """
+        key = (folder, name, len(self.folders))
+        if key not in self._found:
+            check_time()
+            self._found[key] = folder / name
+            for each in (folder, *self.folders):
+                self._lookups += 1
+                if self._lookups > _MAX_LOOKUPS:
+                    raise location.error(
+                        f"names {shown(name)}, but the scene's files were looked for at {_MAX_LOOKUPS:,} paths "
+                        f"already, in {len(self.folders):,} folders.",
+                        "Remove each <path> that is not needed.",
+                    )
+                if os.path.exists(os.path.join(each, name)):
+                    self._found[key] = each / name
+                    break
+        return self._found[key]
+
+
 @dataclass(eq=False)
 class Element:
     """XML element with its tag, attributes and children, and the folders of the files that it names.
 
     folder   : folder of its file, where relative paths start
-    searched : further folders for files missing there: the scene's folder and the folders of its `<path>`s
+    searched : further folders for files missing there
     """
 
     tag: str
     attributes: dict[str, str]
     location: SourceLocation
     folder: Path
-    searched: list[Path]
+    searched: SearchPath
     children: list[Element] = field(default_factory=list)
 
     @property
@@ -61,9 +100,8 @@ class Element:
         return self.attributes.get("name", "")
 
     def file(self, name: str) -> Path:
-        """Return the path of a file that the element names. If no folder has the file, the path is in `folder`."""
-        found = (folder / name for folder in (self.folder, *self.searched))
-        return next((path for path in found if os.path.exists(path)), self.folder / name)
+        """Return the path of a file that the element names, see `SearchPath.find`. Raises SceneError."""
+        return self.searched.find(self.folder, name, self.location)
 
     def attribute(self, name: str) -> str:
         """Return the value of a required attribute. Raises SceneError."""
@@ -85,10 +123,21 @@ class Document:
     root: Element
     identified: dict[str, Element]
     defaults: dict[str, str | None]
+    _plugins: int = 0
 
     @property
     def has_sensor(self) -> bool:
         return any(child.tag == "sensor" for child in self.root.children)
+
+    def count_plugin(self, element: Element) -> None:
+        """Count a plugin and its children when they are read. Raises SceneError beyond _MAX_PLUGINS."""
+        check_time()
+        self._plugins += 1 + len(element.children)
+        if self._plugins > _MAX_PLUGINS:
+            raise element.location.error(
+                f"brings the scene to more than {_MAX_PLUGINS:,} plugins and parameters; no more are read.",
+                "A plugin counts for each <ref> to it. Do many of them refer to a large one?",
+            )
 
     def resolved(self, element: Element, depth: int = 0) -> Element:
         """Return the element to which a `<ref>` refers; any other element itself. Raises SceneError.
@@ -124,7 +173,7 @@ def read_document(
                  such a `$name` by empty text and ignores unknown parameters
     others     : names of optional parameters, which the file need not have
     """
-    reader = _Reader({name: str(value) for name, value in parameters.items()}, [path.parent], complete)
+    reader = _Reader({name: str(value) for name, value in parameters.items()}, path.parent, complete)
     root = reader.read(path, SourceLocation(str(path)), 0, 0)
     if root.tag != "scene":
         raise root.location.error(
@@ -147,10 +196,10 @@ class _Reader:
     A `<default>`, `<path>` or `<alias>` applies to all that follows it.
     """
 
-    def __init__(self, given: Mapping[str, str], searched: list[Path], complete: bool) -> None:
-        self._searched = searched
-        self._real_folders = {os.path.realpath(folder) for folder in searched}
-        self._scene_folder = searched[0]
+    def __init__(self, given: Mapping[str, str], scene_folder: Path, complete: bool) -> None:
+        self._searched = SearchPath(scene_folder)
+        self._real_folders = {os.path.realpath(scene_folder)}
+        self._scene_folder = scene_folder
         self._values = dict(given)
         self._complete = complete
         self.defaults: dict[str, str | None] = {}
@@ -246,7 +295,7 @@ class _Reader:
         real = os.path.realpath(found[0])
         if real not in self._real_folders:
             self._real_folders.add(real)
-            self._searched.append(found[0])
+            self._searched.folders.append(found[0])
 
     def _value(self, name: str, element: Element) -> str:
         _check_length(name, element)

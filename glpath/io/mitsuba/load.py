@@ -61,7 +61,7 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
         elif element.tag == "sensor":
             emitters.notes["of several sensors the first is taken"] = None
         elif element.tag == "integrator":
-            hides_emitters = _hides_emitters(Plugin(element, document))
+            hides_emitters = _hides_emitters(Plugin(element, document), {})
         elif element.tag not in _ASIDE:
             allowed = ", ".join(("shape", "emitter", "sensor", *_ASIDE))
             raise element.location.error(f"is an element of a scene that is not read. Allowed: {allowed}.")
@@ -104,7 +104,13 @@ def _up(value: object, location: SourceLocation) -> Up:
     return found
 
 
-def _hides_emitters(integrator: Plugin) -> bool:
-    """Return True if an integrator, or one inside it, hides emitters from the camera."""
-    inside = [_hides_emitters(each) for each in integrator.nested("integrator")]
-    return integrator.flag("hide_emitters", False) or any(inside)
+def _hides_emitters(integrator: Plugin, results: dict[int, bool]) -> bool:
+    """Return True if an integrator, or one inside it, hides emitters from the camera.
+
+    results : results by the id of the element, because many `<ref>`s may refer to one integrator
+    """
+    key = id(integrator.element)
+    if key not in results:
+        inside = [_hides_emitters(each, results) for each in integrator.nested("integrator")]
+        results[key] = integrator.flag("hide_emitters", False) or any(inside)
+    return results[key]

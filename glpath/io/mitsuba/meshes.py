@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,16 +49,72 @@ _SERIALIZED = 0x041C
 _SERIALIZED_HEAD = 4096
 # Unpacked size of a mesh that is always allowed, bytes.
 _SERIALIZED_SMALL = 2**24
-# Maximum ratio of unpacked to packed bytes for meshes larger than _SERIALIZED_SMALL. Meshes of surfaces have ratios
-# from 2 to 10.
+# Unpacked size of all meshes of a scene that is always allowed, bytes.
+_SERIALIZED_TOTAL = 2**26
+# Maximum ratio of unpacked to packed bytes for meshes larger than _SERIALIZED_SMALL, and for scenes larger
+# than _SERIALIZED_TOTAL. Meshes of surfaces have ratios from 2 to 10.
 _SERIALIZED_RATIO = 32
+# Number of packed bytes that are unpacked at once.
+_SERIALIZED_PIECE = 2**16
 
 
-def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> tuple[Mesh, bool]:
+@dataclass
+class SerializedFiles:
+    """Files in Mitsuba's own format, each read once, with a limit of their unpacked size for the whole scene."""
+
+    _contents: dict[Path, bytes] = field(default_factory=dict)
+    _stored: int = 0
+    _unfolded: int = 0
+
+    def content(self, path: Path) -> bytes:
+        """Return the bytes of a file. Raises OSError."""
+        if path not in self._contents:
+            self._contents[path] = read_bytes(path)
+            self._stored += len(self._contents[path])
+        return self._contents[path]
+
+    def count(self, size: int, packed: int) -> None:
+        """Count a mesh before it is unpacked. Raises ValueError if it or the scene unfolds to too much.
+
+        size, packed : unpacked size of the mesh, and maximum packed size, bytes
+        """
+        if size > max(_SERIALIZED_SMALL, _SERIALIZED_RATIO * packed):
+            raise ValueError(f"{packed:,} bytes in it unfold to {size:,}, more than {_SERIALIZED_RATIO} times")
+        self._unfolded += size
+        if self._unfolded > max(_SERIALIZED_TOTAL, _SERIALIZED_RATIO * self._stored):
+            raise ValueError(
+                f"with the meshes before it, {self._stored:,} bytes unfold to {self._unfolded:,}, more than "
+                f"{_SERIALIZED_RATIO} times"
+            )
+
+
+class _Unpacked:
+    """Stream of unpacked bytes. Only small pieces of the packed bytes are copied, because meshes may share them."""
+
+    def __init__(self, packed: memoryview) -> None:
+        self._packed, self._position, self._unpack = packed, 0, zlib.decompressobj()
+
+    def read(self, size: int) -> bytes:
+        """Return the next bytes, at most `size`; fewer at the end of the stream. Raises zlib.error."""
+        data = bytearray()
+        while len(data) < size and not self._unpack.eof:
+            piece: bytes | memoryview = self._unpack.unconsumed_tail
+            if not piece:
+                piece = self._packed[self._position : self._position + _SERIALIZED_PIECE]
+                self._position += len(piece)
+            unpacked = self._unpack.decompress(piece, size - len(data))
+            if not piece and not unpacked:
+                break
+            data += unpacked
+        return bytes(data)
+
+
+def read_file(plugin: Plugin, suffix: str, files: SerializedFiles, *, attribute: str = "") -> tuple[Mesh, bool]:
     """Return the mesh of an OBJ, PLY or serialized file, and True if the file has normals.
 
     Raises SceneError.
 
+    files     : serialized files that the scene has read
     attribute : attribute in the file that supplies the colours, such as vertex_color or face_color; empty for none
     """
     name = plugin.text("filename")
@@ -69,7 +125,7 @@ def read_file(plugin: Plugin, suffix: str, *, attribute: str = "") -> tuple[Mesh
     flips = plugin.flag("flip_tex_coords", suffix == ".obj")
     stored = None
     if suffix == ".serialized":
-        mesh = _serialized(plugin, path)
+        mesh = _serialized(plugin, path, files)
     else:
         if path.suffix.lower() != suffix:
             raise where.error(f"names {name}, but must be a file that ends in {suffix}.")
@@ -233,11 +289,11 @@ def _reflectances(colours: Float64, source: str) -> Float64:
     return np.where(broken[:, None], 1.0, np.minimum(colours, 1.0))
 
 
-def _serialized(plugin: Plugin, path: Path) -> Mesh:
+def _serialized(plugin: Plugin, path: Path, files: SerializedFiles) -> Mesh:
     """Return the mesh `shape_index` of a file in Mitsuba's own format. Raises SceneError."""
     where, index = plugin.where("filename"), plugin.whole("shape_index", 0)
     try:
-        content = read_bytes(path)
+        content = files.content(path)
         (count,) = struct.unpack("<I", content[-4:])
         version = struct.unpack("<H", content[2:4])[0]
         width = 8 if version >= 4 else 4
@@ -249,7 +305,7 @@ def _serialized(plugin: Plugin, path: Path) -> Mesh:
         kind, _ = struct.unpack("<HH", content[start : start + 4])
         if kind != _SERIALIZED:
             raise ValueError("it does not begin as one")
-        return _of_stream(zlib.decompressobj(), content[start + 4 :], version, str(path))
+        return _of_stream(memoryview(content)[start + 4 :], version, str(path), files)
     except (OSError, ValueError, struct.error, zlib.error, IndexError) as error:
         raise where.error(
             f"names {path}, which cannot be read as meshes of Mitsuba: {reason_of(error)}.",
@@ -257,13 +313,15 @@ def _serialized(plugin: Plugin, path: Path) -> Mesh:
         ) from error
 
 
-def _of_stream(unpack: Any, packed: bytes, version: int, source: str) -> Mesh:
+def _of_stream(packed: memoryview, version: int, source: str, files: SerializedFiles) -> Mesh:
     """Return the mesh of a packed stream: flags, name, counts, then the arrays in sequence.
 
-    unpack : decompressor of zlib; it unpacks at most the bytes that follow from the counts
+    packed : bytes from the start of the stream to the end of the file
     source : name of the file, for warnings
+    files  : sizes of the meshes before it
     """
-    data = unpack.decompress(packed, _SERIALIZED_HEAD)
+    stream = _Unpacked(packed)
+    data = stream.read(_SERIALIZED_HEAD)
     (flags,) = struct.unpack("<I", data[:4])
     at = 4
     if version >= 4:
@@ -273,10 +331,9 @@ def _of_stream(unpack: Any, packed: bytes, version: int, source: str) -> Mesh:
     number = "<f8" if flags & 0x2000 else "<f4"
     numbers = 3 + 3 * bool(flags & 0x0001) + 2 * bool(flags & 0x0002) + 3 * bool(flags & 0x0008)
     size = at + vertex_count * numbers * int(number[-1]) + 3 * face_count * (8 if vertex_count > 0xFFFFFFFF else 4)
-    if size > max(_SERIALIZED_SMALL, _SERIALIZED_RATIO * len(packed)):
-        raise ValueError(f"{len(packed):,} bytes in it unfold to {size:,}, more than {_SERIALIZED_RATIO} times")
+    files.count(size, len(packed))
     if size > len(data):
-        data += unpack.decompress(unpack.unconsumed_tail, size - len(data))
+        data += stream.read(size - len(data))
 
     def array(kind: str, rows: int, columns: int) -> NDArray[Any]:
         nonlocal at

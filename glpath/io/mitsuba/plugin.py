@@ -30,6 +30,7 @@ class Plugin:
 
     def __init__(self, element: Element, document: Document, depth: int = 0) -> None:
         self.element, self.document, self._depth = element, document, depth
+        document.count_plugin(element)
         self.kind = element.attribute("type")
         self.location: SourceLocation = element.location
         self._properties: dict[str, Element] = {}
@@ -61,9 +62,15 @@ class Plugin:
 
     def nested(self, tag: str, name: str = "") -> list[Plugin]:
         """Return the nested plugins with a tag, in order; if `name` is not empty, only those with that name."""
-        found = [each for each in self._nested if each[1].tag == tag and (not name or each[0] == name)]
-        self._nested = [each for each in self._nested if each not in found]
-        return [Plugin(element, self.document, self._depth + 1) for _, element in found]
+        found: list[Element] = []
+        others: list[tuple[str, Element]] = []
+        for each, element in self._nested:
+            if element.tag == tag and (not name or each == name):
+                found.append(element)
+            else:
+                others.append((each, element))
+        self._nested = others
+        return [Plugin(element, self.document, self._depth + 1) for element in found]
 
     def number(self, name: str, default: float, low: float = -LARGEST, high: float = LARGEST) -> float:
         """Return the number in parameter `name`; `default` if the parameter is missing.
@@ -120,7 +127,7 @@ class Plugin:
         if child is None:
             return np.full(3, default)
         if child.tag == "spectrum" and "type" in child.attributes:
-            return _spectrum_plugin(Plugin(child, self.document), light)
+            return _spectrum_plugin(Plugin(child, self.document, self._depth + 1), light)
         if child.tag == "spectrum" and ("filename" in child.attributes or ":" in child.attributes.get("value", "")):
             return colour_of_spectrum(*_by_wavelengths(child), light=light)
         if child.attributes.get("value", "").lstrip().startswith("#"):

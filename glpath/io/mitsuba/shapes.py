@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from glpath.errors import encodable
+from glpath.io.export.geometry import UniqueNames
 from glpath.io.meshes import has_uv_gaps, without_uv_gaps
 from glpath.io.mitsuba import meshes
 from glpath.io.mitsuba.document import error_of_kind
@@ -33,6 +34,8 @@ _KINDS = dict.fromkeys((*_FILES, *_MADE, "cylinder", "sphere", "instance", "shap
 # Shapes whose normals define the front, so a mirroring transform does not exchange front and back. Instances and
 # files with normals behave in the same manner. In other meshes, the order of the corners defines the front.
 _OF_NORMALS = ("rectangle", "cube", "disk", "cylinder")
+# Maximum number of instances of shapes. An instance of a group counts for each of its shapes. They take 400 MB.
+_MAX_INSTANCES = 2**22
 # Relative difference of a sphere's axes above which it is an ellipsoid.
 _ELLIPSOID = 1e-4
 
@@ -59,12 +62,14 @@ class Reader:
     shapes: list[Shape] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)
     _meshes: dict[tuple[object, ...], Mesh] = field(default_factory=dict)
+    _serialized: meshes.SerializedFiles = field(default_factory=meshes.SerializedFiles)
     _with_normals: set[Mesh] = field(default_factory=set)
     _with_all_uv: dict[Mesh, Mesh] = field(default_factory=dict)
     _turned: dict[Mesh, Mesh] = field(default_factory=dict)
     _groups: dict[int, list[tuple[str, _Part]]] = field(default_factory=dict)
-    _instances: dict[tuple[int, int, bool], list[Float64]] = field(default_factory=dict)
-    _names: set[str] = field(default_factory=set)
+    _instances: dict[tuple[int, bool], list[Float64]] = field(default_factory=dict)
+    _instance_count: int = 0
+    _names: UniqueNames = field(default_factory=UniqueNames)
 
     def add(self, plugin: Plugin) -> None:
         """Read a shape, shape group or instance. Instances become shapes in `finish`. Raises SceneError."""
@@ -82,11 +87,13 @@ class Reader:
 
     def finish(self) -> None:
         """Add a shape for each instanced mesh, with the transforms of all its instances."""
-        for (group, number, mirrored), own_maps in self._instances.items():
-            name, part = self._groups[group][number]
-            maps = np.stack([_composed(m, part.world_from_object) for m in own_maps])
-            geometry, maps = self._facing(part.geometry, maps, mirrored, part.material)
-            self.shapes.append(Shape(name, geometry, part.material, maps))
+        for (group, mirrored), own_maps in self._instances.items():
+            worlds = np.stack(own_maps)
+            for name, part in self._groups[group]:
+                check_time()
+                maps = _composed(worlds, part.world_from_object)
+                geometry, maps = self._facing(part.geometry, maps, mirrored, part.material)
+                self.shapes.append(Shape(name, geometry, part.material, maps))
 
     def _put(self, name: str, part: _Part, plugin: Plugin) -> None:
         geometry, matrix = part.geometry, part.world_from_object
@@ -196,7 +203,9 @@ class Reader:
                 attribute,
             )
             if key not in self._meshes:
-                made, has_normals = meshes.read_file(plugin, _FILES[plugin.kind], attribute=attribute)
+                made, has_normals = meshes.read_file(
+                    plugin, _FILES[plugin.kind], self._serialized, attribute=attribute
+                )
                 self._meshes[key] = made.without_unused_vertices()
                 if has_normals:
                     self._with_normals.add(self._meshes[key])
@@ -259,25 +268,25 @@ class Reader:
         self._group(groups[0])
         key, world = id(groups[0].element), plugin.transform("to_world")
         plugin.check_all_read()
-        for number in range(len(self._groups[key])):
-            self._instances.setdefault((key, number, mirrors(world)), []).append(world)
+        self._instance_count += len(self._groups[key])
+        if self._instance_count > _MAX_INSTANCES:
+            raise plugin.location.error(
+                f"brings the scene to {self._instance_count:,} instances of shapes, but it may have "
+                f"{_MAX_INSTANCES:,}.",
+                "Use fewer instances, or join the shapes of their groups.",
+            )
+        self._instances.setdefault((key, mirrors(world)), []).append(world)
 
     def _name(self, plugin: Plugin, group: str = "") -> str:
         path = ""
         if plugin.kind in _FILES:
             path = encodable(Path(plugin.text("filename")).stem)
-        wanted = plugin.id or group or path or plugin.kind
-        name, number = wanted, 1
-        while name in self._names:
-            number += 1
-            name = f"{wanted}-{number}"
-        self._names.add(name)
-        return name
+        return self._names.of(plugin.id or group or path or plugin.kind)
 
 
 def _composed(after: Float64, world_from_object: Float64) -> Float64:
-    """Return the (3, 4) affine map that applies `world_from_object` first and `after` second."""
-    return np.asarray((after @ np.vstack([world_from_object, [0.0, 0.0, 0.0, 1.0]]))[:3])
+    """Return the affine maps (N, 3, 4) that apply `world_from_object` first and one of `after` (N, 4, 4) second."""
+    return np.ascontiguousarray((after @ np.vstack([world_from_object, [0.0, 0.0, 0.0, 1.0]]))[:, :3])
 
 
 def _remedy(kind: str) -> str:

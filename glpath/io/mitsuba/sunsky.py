@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from glpath.io.mitsuba.plugin import Plugin
 
 _DATE = (("year", 2010), ("month", 7), ("day", 10))
+# Default, maximum, and number in an hour of each part of a time.
+_TIME = (("hour", 15.0, 24.0, 1), ("minute", 0.0, 60.0, 60), ("second", 0.0, 60.0, 3600))
 _TURBIDITIES = (1.0, 2.0, 3.0, 5.0, 8.0, 10.0)
 _ALTITUDES = (3.0, 15.0, 30.0, 60.0, 88.0)
 # Irradiances, linear Rec. 709 in Mitsuba's unit: of a horizontal surface by the sky (three columns), and of a
@@ -104,20 +106,19 @@ def _towards_sun(plugin: Plugin) -> Float64:
         if not np.linalg.norm(direction) > 0:
             raise plugin.where("sun_direction").error("has the length zero.", "For example 0, 0, 1.")
         return np.asarray(direction / np.linalg.norm(direction))
-    from glpath.io.sun_position import sun_positions
+    from glpath.io.sun_position import YEARS, sun_positions
 
     latitude = plugin.number("latitude", 35.6894, -90.0, 90.0)
     longitude = plugin.number("longitude", 139.6917, -180.0, 180.0)
     year, month, day = (plugin.whole(name, default, 1) for name, default in _DATE)
+    if year not in YEARS:
+        raise plugin.where("year").error(f"is {year}, but must be between {YEARS[0]} and {YEARS[-1]}.")
     try:
         midnight = datetime(year, month, day)
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise plugin.location.error(f"has a date that does not exist: {error}.") from error
-    hours = sum(
-        plugin.number(name, default) / parts
-        for name, default, parts in (("hour", 15.0, 1), ("minute", 0.0, 60), ("second", 0.0, 3600))
-    )
+    hours = sum(plugin.number(name, default, 0.0, high) / parts for name, default, high, parts in _TIME)
     utc = midnight + timedelta(hours=hours - plugin.number("timezone", 9.0, -14.0, 14.0))
-    position = sun_positions(np.array([utc], "datetime64[ns]"), latitude, longitude)
+    position = sun_positions(np.array([utc], "datetime64[us]"), latitude, longitude)
     a, z = np.radians(position.altitude[0]), np.radians(position.azimuth[0])
     return np.array([-np.cos(a) * np.cos(z), -np.cos(a) * np.sin(z), np.sin(a)])

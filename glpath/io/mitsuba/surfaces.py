@@ -11,16 +11,17 @@ Poor at:  BSDFs without a counterpart, which are refused by name.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from glpath.io.export.geometry import UniqueNames
 from glpath.io.mitsuba.document import error_of_kind
 from glpath.io.mitsuba.optical_constants import INDICES, METALS
 from glpath.io.mitsuba.plugin import Plugin
 from glpath.io.mitsuba.radio_materials import RADIO_COLOURS
-from glpath.io.mitsuba.textures import Look, Textures, baked, bent
+from glpath.io.mitsuba.textures import Look, Textures
 from glpath.scene.directional_albedo import internal_reflectance
 from glpath.scene.geometry import Float64
 from glpath.scene.material import SMOOTH, Material, metal_reflectance
@@ -44,7 +45,7 @@ class Surfaces:
     notes: dict[str, None] = field(default_factory=dict)
     _known: dict[tuple[object, ...], int] = field(default_factory=dict)
     _made: dict[int, Fields] = field(default_factory=dict)
-    _names: set[str] = field(default_factory=set)
+    _names: UniqueNames = field(default_factory=UniqueNames)
 
     def number(
         self,
@@ -82,11 +83,10 @@ class Surfaces:
             if one_side:
                 fields |= {"two_sided": False, "culled": True}
             if bump is not None:
-                look, scale = bump
-                fields["normal_texture"] = self.textures.slot(bent(look, scale, uv_lengths))
+                fields["normal_texture"] = self.textures.slot(self.textures.bent(*bump, uv_lengths))
             for aside in ("vertex_colours", "reflects_alike", "back", "turned", "bump"):
                 fields.pop(aside, None)
-            self.materials.append(Material(self._name((plugin and plugin.id) or name), **fields))
+            self.materials.append(Material(self._names.of((plugin and plugin.id) or name), **fields))
             self._known[key] = len(self.materials) - 1
         return self._known[key]
 
@@ -105,14 +105,6 @@ class Surfaces:
     def is_turned(self, plugin: Plugin | None) -> bool:
         """Return True if the denser side of glass is outside, so that the shape must be turned inside out."""
         return plugin is not None and bool(self._fields(plugin).get("turned"))
-
-    def _name(self, wanted: str) -> str:
-        name, number = wanted, 1
-        while name in self._names:
-            number += 1
-            name = f"{wanted}-{number}"
-        self._names.add(name)
-        return name
 
     def _fields(self, plugin: Plugin) -> Fields:
         key = id(plugin.element)
@@ -160,7 +152,8 @@ class Surfaces:
             plugin.flag("sample_visible", True)
         alpha = self._scalar(plugin, "alpha", default)
         if isinstance(alpha, Look):
-            return common | self._surface_texture(baked(alpha, np.sqrt), None)
+            roots = self.textures.baked(alpha, ("sqrt",), np.sqrt, plugin.location)
+            return common | self._surface_texture(plugin, roots, None)
         alphas = [self._scalar(plugin, key, alpha) for key in ("alpha_u", "alpha_v")]
         if any(isinstance(each, Look) for each in alphas):
             return common | self._anisotropic_texture(plugin, *alphas)
@@ -180,35 +173,50 @@ class Surfaces:
                 "Make both pictures as large, with one to_uv.",
             )
         shape = first.image.shape[:2]
-        alphas = [each.grey if isinstance(each, Look) else np.full(shape, each) for each in (u, v)]
-        along, across = np.maximum(*alphas), np.minimum(*alphas)
-        anisotropy = np.sqrt((along - across) / np.maximum(1.0 - across, 1e-9))
-        image = np.ones((*shape, 3), np.float32)
-        image[..., 1] = np.sqrt(across)
-        # Red and green hold the tangent, from -1 to 1: along u, or along v.
-        along_u = alphas[0] >= alphas[1]
-        tangent = np.stack([0.5 + 0.5 * along_u, 1.0 - 0.5 * along_u, anisotropy], axis=2).astype(np.float32)
+
+        def made() -> tuple[Look, Look]:
+            image, tangent = np.ones((*shape, 3), np.float32), np.empty((*shape, 3), np.float32)
+            for rows in first.strips():
+                alpha_u, alpha_v = (each.grey(rows) if isinstance(each, Look) else each for each in (u, v))
+                along, across = np.maximum(alpha_u, alpha_v), np.minimum(alpha_u, alpha_v)
+                image[rows, :, 1] = np.sqrt(across)
+                # Red and green hold the tangent, from -1 to 1: along u, or along v.
+                tangent[rows, :, 0] = 0.5 + 0.5 * (alpha_u >= alpha_v)
+                tangent[rows, :, 1] = 1.0 - 0.5 * (alpha_u >= alpha_v)
+                tangent[rows, :, 2] = np.sqrt((along - across) / np.maximum(1.0 - across, 1e-9))
+            return first.with_image(first.name, image), first.with_image(first.name, tangent)
+
+        key = ("anisotropic", *(id(each) if isinstance(each, Look) else each for each in (u, v)))
+        image, tangent = self.textures.derived(key, 24 * shape[0] * shape[1], plugin.location, made)
         return {
             "roughness": 1.0,
-            "surface_texture": self.textures.slot(first.with_image(first.name, image)),
+            "surface_texture": self.textures.slot(image),
             "anisotropy": 1.0,
-            "anisotropy_texture": self.textures.slot(first.with_image(first.name, tangent)),
+            "anisotropy_texture": self.textures.slot(tangent),
             **_ROUGH,
         }
 
-    def _surface_texture(self, rough: float | Look, metal: float | Look | None) -> Fields:
+    def _surface_texture(self, plugin: Plugin, rough: float | Look, metal: float | Look | None) -> Fields:
         """Return roughness and metallic as one texture, in green and blue as in glTF."""
-        looks = [each for each in (rough, metal) if isinstance(each, Look)]
-        first = looks[0]
-        image = np.ones((*first.image.shape[:2], 3), np.float32)
+        looks = [each if isinstance(each, Look) else None for each in (rough, metal)]
+        first = next(filter(None, looks))
+        shape = first.image.shape[:2]
         fields: Fields = {"roughness": 1.0, **_ROUGH}
-        for channel, name, value in ((1, "roughness", rough), (2, "metallic", metal)):
-            if isinstance(value, Look):
-                image[..., channel] = value.grey
-                fields[name] = 1.0
-            elif value is not None:
-                fields[name] = value
-        return fields | {"surface_texture": self.textures.slot(first.with_image(first.name, image))}
+        for name, value in (("roughness", rough), ("metallic", metal)):
+            if value is not None:
+                fields[name] = 1.0 if isinstance(value, Look) else value
+
+        def made() -> tuple[Look]:
+            image = np.ones((*shape, 3), np.float32)
+            for channel, look in enumerate(looks, start=1):
+                if look is not None:
+                    for rows in look.strips():
+                        image[rows, :, channel] = look.grey(rows)
+            return (first.with_image(first.name, image),)
+
+        key = ("surface", *(look and id(look) for look in looks))
+        (packed,) = self.textures.derived(key, 12 * shape[0] * shape[1], plugin.location, made)
+        return fields | {"surface_texture": self.textures.slot(packed)}
 
     def _ratio(self, plugin: Plugin, inside: str) -> float:
         """Return the refractive index inside divided by that outside. Raises SceneError for an unknown medium."""
@@ -292,7 +300,9 @@ class Surfaces:
         if not plugin.flag("nonlinear", False):
             pass
         elif "look" in base:
-            base["texture"] = self.textures.slot(baked(base["look"], scattered))
+            base["texture"] = self.textures.slot(
+                self.textures.baked(base["look"], ("scattered", inside), scattered, plugin.location)
+            )
         else:
             base["reflectance"] = scattered(base["reflectance"])
         return {**fields, **_without_look(base)}
@@ -338,7 +348,7 @@ class Surfaces:
                     "has textures of other sizes or maps for `roughness` and `metallic`.",
                     "Make both pictures as large, with one to_uv.",
                 )
-            fields |= self._surface_texture(rough, metal)
+            fields |= self._surface_texture(plugin, rough, metal)
         else:
             fields |= {"roughness": rough, "metallic": metal}
         fields["anisotropy"] = anisotropic = plugin.fraction("anisotropic", 0.0)
@@ -387,7 +397,7 @@ class Surfaces:
         look = self.textures.look(texture)
         if look.srgb:
             raise texture.location.error("is a normal map, but not raw.", '<boolean name="raw" value="true"/>')
-        if np.ptp(look.linear[..., :2]) > 0.01:
+        if np.ptp(look.image[..., :2]) > 0.01 * (255 if look.image.dtype == np.uint8 else 1):
             self.notes["where a normal map turns away from the camera it is not black, as in Mitsuba"] = None
         return {**self._fields(self._one_inside(plugin)), "normal_texture": self.textures.slot(look)}
 
@@ -400,8 +410,8 @@ class Surfaces:
         if len(textures) != 1:
             raise plugin.location.error(f"has {len(textures)} textures in it, but must have one, of heights.")
         self.notes["a bump map is a normal map, made for the mean size of the texture on its shape"] = None
-        look, scale = self.textures.look(textures[0]), plugin.number("scale", 1.0)
-        return {**self._fields(self._one_inside(plugin)), "bump": (look, scale)}
+        bump = self.textures.look(textures[0]), plugin.number("scale", 1.0), plugin.location
+        return {**self._fields(self._one_inside(plugin)), "bump": bump}
 
     def _mask(self, plugin: Plugin) -> Fields:
         texture = plugin.texture("opacity")
@@ -411,20 +421,27 @@ class Surfaces:
         if texture is None:
             return fields
         look = self.textures.numbers(texture)
-        alpha = look.grey[..., None].astype(np.float32)
-        white = np.ones((*alpha.shape[:2], 3), np.float32)
-        slot = fields.get("texture")
-        if slot is not None:
-            under = self.textures.textures[slot.texture]
-            same = under.image.shape[:2] == alpha.shape[:2] and np.array_equal(slot.uv_transform, look.matrix)
+        shape, slot = look.image.shape[:2], fields.get("texture")
+        under = None if slot is None else self.textures.textures[slot.texture]
+        if under is not None:
+            same = under.image.shape[:2] == shape and np.array_equal(slot.uv_transform, look.matrix)
             if not same or (under.filter, under.wrap[0]) != (look.filter, look.wrap):
                 raise texture.location.error(
                     "is of another size or map than the texture of the surface that it masks.",
                     "Make both pictures as large, with one to_uv and one wrap_mode.",
                 )
-            white = under.linear()[..., :3]
-        image = np.concatenate([white, alpha], axis=2)
-        return {**fields, "texture": self.textures.slot(look.with_image(look.name, image))}
+
+        def made() -> tuple[Look]:
+            image = np.ones((*shape, 4), np.float32)
+            for rows in look.strips():
+                if under is not None:
+                    image[rows, :, :3] = replace(under, image=under.image[rows]).linear()[..., :3]
+                image[rows, :, 3] = look.grey(rows)
+            return (look.with_image(look.name, image),)
+
+        key = ("mask", id(look), slot and slot.texture)
+        (masked,) = self.textures.derived(key, 16 * shape[0] * shape[1], texture.location, made)
+        return {**fields, "texture": self.textures.slot(masked)}
 
     def _blend(self, plugin: Plugin) -> Fields:
         """Return a blend of a diffuse surface and a mirror, or of an opaque surface and glass, as one material.
@@ -438,7 +455,10 @@ class Surfaces:
         first, second = (self._fields(part) for part in parts)
         if first.get("transmission") == 1.0 and not second.get("transmission"):
             first, second = second, first
-            weight = baked(weight, lambda share: 1.0 - share) if isinstance(weight, Look) else 1.0 - weight
+            if isinstance(weight, Look):
+                weight = self.textures.baked(weight, ("rest",), lambda share: 1.0 - share, plugin.location)
+            else:
+                weight = 1.0 - weight
         if any(np.any(each.get("mirror", 0.0)) or _is_clear_glass(each) for each in (first, second)):
             self.notes["Mitsuba 3.9 loses light where a blend has a mirror or clear glass; here it is kept"] = None
         if second.get("transmission") == 1.0 and not first.get("transmission") and _same_base(first, second):

@@ -6,7 +6,7 @@ Mitsuba's v runs downwards, so the first row of an image is at v = 0. In glpath 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -28,13 +28,18 @@ from glpath.scene.geometry import Float64
 from glpath.scene.material import Texture, TextureSlot, Wrap
 from glpath.scene.source_location import SourceLocation
 from glpath.system.npz import UnfoldedPictures
+from glpath.system.time_limit import check_time
 
 _KINDS = ("bitmap", "checkerboard", "rawconstant", "uniform", "srgb")
 # Factor by which `baked` enlarges the width and height of an image before it changes the colours.
 _FINER = 5
+# Approximate number of texels that are converted at once.
+_STRIP_TEXELS = 2**18
 # Maximum number of texels of an image that `baked` enlarges; larger images keep their size.
 _MAX_INTERPOLATED = 65536
 FORMATS = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
+# Bytes of a texel of three floats.
+_FLOAT_TEXEL = 12
 # sRGB byte whose reflectance is nearest to 0.5.
 _GREY = 188
 
@@ -55,15 +60,20 @@ class Look:
     wrap: Wrap = "repeat"
     matrix: Float64 = field(default_factory=lambda: np.eye(2, 3))
 
-    @property
-    def linear(self) -> NDArray[np.float32]:
-        """Linear colours (h, w, 3)."""
-        return Texture(self.name, self.image, srgb=self.srgb).linear()[..., :3]
+    def linear(self, rows: slice = slice(None)) -> NDArray[np.float32]:
+        """Return the linear colours (rows, w, 3) of some rows, by default of all."""
+        return Texture(self.name, self.image[rows], srgb=self.srgb).linear()[..., :3]
 
-    @property
-    def grey(self) -> Float64:
-        """Luminance (h, w)."""
-        return np.asarray(luminance(self.linear.astype(np.float64)))
+    def grey(self, rows: slice) -> Float64:
+        """Return the luminance (rows, w) of some rows."""
+        return np.asarray(luminance(self.linear(rows).astype(np.float64)))
+
+    def strips(self) -> Iterator[slice]:
+        """Yield the rows in strips, because floats of all rows would take several times the memory of the image."""
+        height, width = self.image.shape[:2]
+        step = max(1, _STRIP_TEXELS // width)
+        for top in range(0, height, step):
+            yield slice(top, min(top + step, height))
 
     def looked_up_as(self, other: Look) -> bool:
         """Return True if both images have the same size and lookup, so that they can be channels of one image."""
@@ -90,6 +100,7 @@ class Textures:
         self._looks: dict[int, Look] = {}
         self._slots: dict[int, TextureSlot] = {}
         self._bitmaps: dict[tuple[object, ...], Look] = {}
+        self._derived: dict[tuple[object, ...], tuple[Look, ...]] = {}
         self._files: dict[tuple[Path, bool], NDArray[np.uint8] | NDArray[np.float32]] = {}
         self._unfolded = UnfoldedPictures()
 
@@ -129,9 +140,44 @@ class Textures:
             self._slots[id(look)] = TextureSlot(len(self.textures) - 1, 0, look.matrix)
         return self._slots[id(look)]
 
+    def derived(
+        self, key: tuple[object, ...], size: int, location: SourceLocation, make: Callable[[], tuple[Look, ...]]
+    ) -> tuple[Look, ...]:
+        """Return images that are computed from others, made once for each `key`.
+
+        size : bytes of the images
+
+        Raises SceneError if all such images become too large for the pictures of the scene.
+        """
+        if key not in self._derived:
+            check_time()
+            try:
+                self._unfolded.add_derived(size)
+            except ValueError as error:
+                raise location.error(f"has a picture that cannot be used, because {error}.") from error
+            self._derived[key] = make()
+        return self._derived[key]
+
+    def baked(
+        self, look: Look, name: tuple[object, ...], change: Callable[[Float64], Float64], location: SourceLocation
+    ) -> Look:
+        """Return an image with `change` applied to its linear colours. Raises SceneError as `derived` does.
+
+        name : key of `change`, the same for equal functions
+        """
+        size = _FLOAT_TEXEL * look.image.shape[0] * look.image.shape[1] * (_FINER**2 if _is_enlarged(look) else 1)
+        key = ("baked", id(look), *name)
+        return self.derived(key, size, location, lambda: (_baked(look, change),))[0]
+
+    def bent(self, look: Look, scale: float, location: SourceLocation, uv_lengths: tuple[float, float]) -> Look:
+        """Return an image of heights as a normal map, see `_bent`. Raises SceneError as `derived` does."""
+        size = _FLOAT_TEXEL * look.image.shape[0] * look.image.shape[1]
+        key = ("bent", id(look), scale, uv_lengths)
+        return self.derived(key, size, location, lambda: (_bent(look, scale, uv_lengths),))[0]
+
     def _elsewhere(self, plugin: Plugin, name: str) -> Path | None:
         """Search for a missing image file under other spellings and in subfolders; return None if not found."""
-        for folder in (plugin.element.folder, *plugin.element.searched):
+        for folder in (plugin.element.folder, *plugin.element.searched.folders):
             with suppress(UnusableError):
                 return self.files.find(folder, name)
         return None
@@ -219,17 +265,25 @@ def _to_uv(plugin: Plugin) -> Float64:
     return map_downwards((scale @ matrix)[:2], (1.0, 1.0))[:2]
 
 
-def baked(look: Look, change: Callable[[Float64], Float64]) -> Look:
+def _is_enlarged(look: Look) -> bool:
+    return look.filter == "linear" and look.image.shape[0] * look.image.shape[1] <= _MAX_INTERPOLATED
+
+
+def _baked(look: Look, change: Callable[[Float64], Float64]) -> Look:
     """Return an image with `change` applied to its linear colours.
 
     Small images are first enlarged by interpolation, because Mitsuba changes colours after interpolation. The
     factor is odd, so the centre of an original texel stays the centre of a texel and keeps its value.
     """
-    linear = look.linear.astype(np.float64)
-    if look.filter == "linear" and linear.shape[0] * linear.shape[1] <= _MAX_INTERPOLATED:
+    if _is_enlarged(look):
+        linear = look.linear().astype(np.float64)
         for axis in (0, 1):
             linear = _interpolated(linear, axis, look.wrap)
-    return look.with_image(look.name, change(linear).astype(np.float32))
+        return look.with_image(look.name, change(linear).astype(np.float32))
+    image = np.empty((*look.image.shape[:2], 3), np.float32)
+    for rows in look.strips():
+        image[rows] = change(look.linear(rows).astype(np.float64))
+    return look.with_image(look.name, image)
 
 
 def _interpolated(image: Float64, axis: int, wrap: Wrap) -> Float64:
@@ -243,19 +297,28 @@ def _interpolated(image: Float64, axis: int, wrap: Wrap) -> Float64:
     return np.asarray(first * (1.0 - part) + second * part)
 
 
-def bent(look: Look, scale: float, uv_lengths: tuple[float, float]) -> Look:
+def _bent(look: Look, scale: float, uv_lengths: tuple[float, float]) -> Look:
     """Convert an image of heights to a normal map.
 
     scale      : height of the image value 1, scene units
     uv_lengths : length of one unit of u, and of one unit of v, scene units
     """
-    heights = scale * look.grey
-    rows, columns = heights.shape
-    # Derivatives of the height by the lookup coordinates: the first grows along each row, the second from the last
-    # row to the first.
-    across = 0.5 * columns * (np.roll(heights, -1, axis=1) - np.roll(heights, 1, axis=1))
-    upwards = 0.5 * rows * (np.roll(heights, 1, axis=0) - np.roll(heights, -1, axis=0))
-    slopes = np.einsum("kij,kl->ijl", np.stack([across, upwards]), look.matrix[:, :2]) / uv_lengths
-    normals = np.concatenate([-slopes, np.ones((rows, columns, 1))], axis=2)
-    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-    return look.with_image(f"{look.name}-normals", (0.5 + 0.5 * normals).astype(np.float32))
+    rows_count, columns = look.image.shape[:2]
+    heights = np.empty((rows_count, columns))
+    for rows in look.strips():
+        heights[rows] = scale * look.grey(rows)
+    image = np.empty((rows_count, columns, 3), np.float32)
+    for rows in look.strips():
+        own = heights[rows]
+        above, below = (
+            heights.take(range(rows.start + step, rows.stop + step), axis=0, mode="wrap") for step in (-1, 1)
+        )
+        # Derivatives of the height by the lookup coordinates: the first grows along each row, the second from the
+        # last row to the first.
+        across = 0.5 * columns * (np.roll(own, -1, axis=1) - np.roll(own, 1, axis=1))
+        upwards = 0.5 * rows_count * (above - below)
+        slopes = np.einsum("kij,kl->ijl", np.stack([across, upwards]), look.matrix[:, :2]) / uv_lengths
+        normals = np.concatenate([-slopes, np.ones((*own.shape, 1))], axis=2)
+        normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+        image[rows] = 0.5 + 0.5 * normals
+    return look.with_image(f"{look.name}-normals", image)
