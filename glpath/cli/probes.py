@@ -108,8 +108,6 @@ def probes(
         loaded = read_scene(scene, parameters)
     loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
     check_outputs([out], [scene])
-    where = ProbeGrid.of(loaded, counts, corners, budget_for(loaded, integrator, options))
-    points, normals = where.receivers()
 
     def start(run: RunOptions) -> Film:
         from glpath.rendering.points import irradiance
@@ -125,6 +123,8 @@ def probes(
         ).film
 
     with checkpointed([out], run, films=False) as (checkpoint, begun):
+        where = ProbeGrid.of(loaded, counts, corners, budget_for(loaded, integrator, options))
+        points, normals = where.receivers()
         outcome = outcome_of(start, run, checkpoint, begun)
         found = Probes(where, outcome.film)
 
