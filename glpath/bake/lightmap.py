@@ -46,7 +46,7 @@ from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
 from glpath.sensors.sensor import PointSensor
 from glpath.system.arguments import check_word, checked, short_repr
-from glpath.system.time_limit import named_work
+from glpath.system.time_limit import named_work, without_limit_if_resumed
 
 Float32 = NDArray[np.float32]
 Bools = NDArray[np.bool_]
@@ -441,6 +441,7 @@ class Bake:
     denoise: bool
 
     @classmethod
+    @without_limit_if_resumed()
     def of(
         cls,
         scene: Scene,

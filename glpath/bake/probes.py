@@ -48,6 +48,7 @@ from glpath.scene.geometry import LARGEST
 from glpath.scene.triangulate import path_traceable
 from glpath.system.arguments import check_array, checked
 from glpath.system.files import write_bytes
+from glpath.system.time_limit import without_limit_if_resumed
 
 Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -110,6 +111,7 @@ class ProbeGrid:
     valid: Bools
 
     @classmethod
+    @without_limit_if_resumed()
     def of(
         cls,
         scene: Scene,

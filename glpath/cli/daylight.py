@@ -23,6 +23,7 @@ from glpath.cli.running import workers_of
 from glpath.cli.scene import HELP, Parameters, read_scene
 from glpath.cli.signals import exit_code, hold, release, result_of
 from glpath.cli.typed import typed_command
+from glpath.cli.unattended import done_but, remove_checkpoint
 from glpath.cli.values import check_choice, shard_of, vector
 from glpath.errors import UsageError
 from glpath.io.completed import aside
@@ -54,8 +55,8 @@ def register(app: typer.Typer) -> None:
         "occupied resume device parameters quiet",
     )
     epilog = (
-        f"Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by a signal ({TERMINATING_TEXT}) with --resume "
-        "(start it again), 130 interrupted (continue with --resume)."
+        "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the checkpoint could not be removed, 75 ended by "
+        f"a signal ({TERMINATING_TEXT}) with --resume (start it again), 130 interrupted (continue with --resume)."
     )
     texts = {
         "resume": "Keep what is done in FILE.part, and resume from it after an interruption: the same bits.",
@@ -329,13 +330,14 @@ def daylight(
         _, failure = save_all(targets, rescue, "The coefficients are kept in {}.")
         if failure is not None:
             raise failure
-        for checkpoint in checkpoints:
-            checkpoint.remove()
+        faults = [fault for each in checkpoints if (fault := remove_checkpoint(each))]
     if run.talks:
         for line in lines:
             say(line, err=True)
         for path in out:
             say(f"wrote {path}", err=True)
+    if faults:
+        raise done_but("; ".join(faults))
 
 
 def _check_computed(context: typer.Context, coefficients: str) -> None:

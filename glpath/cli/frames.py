@@ -27,6 +27,7 @@ from glpath.cli.signals import arrived, exit_code, hold, release
 from glpath.cli.unattended import watched
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.system.files import check_outputs, replacing_links, save_all, whole_file
+from glpath.system.heartbeat import heartbeat
 from glpath.system.locks import Lock
 from glpath.system.reporting import duration
 from glpath.system.terminal import say
@@ -225,10 +226,10 @@ class FramesToRender:
             else:
                 shown = (scenes.at(i) for i in todo)
             held.enter_context(watched(self.run.silence, "The frames before it are written."))
+            workers = held.enter_context(workers_of(self.run.cluster))
             held.enter_context(without_limit())  # each frame has a time limit of its own
             held.enter_context(warnings.catch_warnings())
             warnings.filterwarnings("ignore", "There is motion")  # not given, because the frames show the motion
-            workers = held.enter_context(workers_of(self.run.cluster))
             run = self.run.options(cluster=workers)
             ended_early = self._write(todo, rendering.render_frames(scene, shown, **options, **vars(run)))
         if ended_early:
@@ -278,7 +279,7 @@ class FramesToRender:
                 stops = film.exposure_stops(asked) if stops is None else stops
                 paths = [self.frames.path(path, i) for path in self.out]
                 saves = self.picture.saves(film, paths, stops)
-                with replacing_links():
+                with heartbeat.paused(), replacing_links():
                     _, failure = save_all(saves, {"film.npz": film.save}, "The film is kept in {}.")
                 if failure is not None:
                     raise failure

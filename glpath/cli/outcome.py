@@ -12,9 +12,11 @@ import typer
 
 from glpath.cli.picture import EIGHT_BIT, NO_DENOISER, Picture
 from glpath.cli.signals import INTERRUPTED, RESUME_LATER, arrived, by_scheduler, forget
+from glpath.cli.unattended import done_but, remove_checkpoint
 from glpath.errors import GlpathError, ImageError
 from glpath.film.choices import CLEAN, INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
-from glpath.system.files import save_all, write_bytes
+from glpath.system.files import save_all, without_waiting, write_bytes
+from glpath.system.log import log
 from glpath.system.machine import peak_resident_bytes
 from glpath.system.reporting import duration, percent
 from glpath.system.terminal import say, say_json
@@ -25,9 +27,6 @@ if TYPE_CHECKING:
     from glpath.film.film import Film
     from glpath.film.metadata import FilmMetadata
     from glpath.jobs.checkpoint import Checkpoint
-
-#: Exit code if all outputs are written, but the last checkpoint is not.
-WITHOUT_CHECKPOINT = 3
 
 _RESUME = "  the same command with --resume continues from {}"
 
@@ -75,7 +74,11 @@ class Outcome:
         complete = film.metadata.stop_rule in RULES
         if checkpoint is not None and by_scheduler() and not complete:
             end = leave_for_later(checkpoint, film)
-            self._write_stats([])
+            try:
+                with without_waiting():
+                    self._write_stats([])
+            except ImageError as error:  # does not change the exit code, because the checkpoint is written
+                log.warning("--stats: %s", error.message)
             raise end
         written: list[Path] = []
         if film.path_sets:
@@ -84,8 +87,9 @@ class Outcome:
         if checkpoint is not None and complete and by_scheduler() and failure is None:
             forget()
         ended_early = arrived()
+        fault = ""
         if checkpoint is not None and checkpoint.path not in written and film.path_sets:
-            settle(checkpoint, film, failure)
+            fault = settle(checkpoint, film, failure)
         try:
             self._write_stats(written)
         except ImageError as error:
@@ -107,8 +111,8 @@ class Outcome:
                 there(written) if written else "before the first path set was done; nothing is written"
             )
             raise typer.Exit(INTERRUPTED)
-        if checkpoint is not None and checkpoint.failure is not None and checkpoint.path not in written:
-            raise without_checkpoint(checkpoint)
+        if fault:
+            raise done_but(fault)
 
     def _write_stats(self, files: Sequence[Path]) -> None:
         if self.run.stats is not None and self.film.path_sets:
@@ -154,20 +158,21 @@ def leave_picture(outcome: Outcome, out: Sequence[Path], picture: Picture, spp: 
     )
 
 
-def settle(checkpoint: Checkpoint, film: Film, failure: GlpathError | None) -> None:
-    """Remove the checkpoint of a complete render and forget signals; otherwise save the film in the checkpoint."""
+def settle(checkpoint: Checkpoint, film: Film, failure: GlpathError | None) -> str:
+    """Remove the checkpoint of a complete render and forget signals; otherwise save the film in the checkpoint.
+
+    Return "", or a fault: the checkpoint was not removed, or could not be written the last time.
+    """
+    fault = ""
     if film.metadata.stop_rule in RULES and failure is None:
-        checkpoint.remove()
+        fault = remove_checkpoint(checkpoint)
         if by_scheduler():
             forget()
     else:
         checkpoint.write(film)
-
-
-def without_checkpoint(checkpoint: Checkpoint) -> typer.Exit:
-    """Return the exit of a command that wrote all outputs but could not write its last checkpoint."""
-    say(f"glpath: done, but the last checkpoint was not written: {checkpoint.failure}", err=True)
-    return typer.Exit(WITHOUT_CHECKPOINT)
+    if not fault and checkpoint.failure is not None:
+        return f"the last checkpoint was not written: {checkpoint.failure}"
+    return fault
 
 
 def leave_for_later(checkpoint: Checkpoint, film: Film) -> typer.Exit:

@@ -108,9 +108,6 @@ def probes(
         loaded = read_scene(scene, parameters)
     loaded = lit(loaded, white_sky, ambient=options.get("ambient"))
     check_outputs([out], [scene])
-    budget = budget_for(loaded, integrator, options)
-    where = ProbeGrid.of(loaded, counts, corners and (corners[:3], corners[3:]), budget)
-    points, normals = where.receivers()
 
     def start(run: RunOptions) -> Film:
         from glpath.rendering.points import irradiance
@@ -126,6 +123,9 @@ def probes(
         ).film
 
     with checkpointed([out], run, films=False) as (checkpoint, begun):
+        budget = budget_for(loaded, integrator, options)
+        where = ProbeGrid.of(loaded, counts, corners and (corners[:3], corners[3:]), budget)
+        points, normals = where.receivers()
         outcome = outcome_of(start, run, checkpoint, begun)
         found = Probes(where, outcome.film)
 

@@ -27,7 +27,7 @@ from glpath.cli.signals import (
     release,
     result_of,
 )
-from glpath.cli.unattended import SOLVING, check_absent, left_in, watched
+from glpath.cli.unattended import SOLVING, check_absent, done_but, left_in, remove_checkpoint, watched
 from glpath.errors import ImageError, UsageError
 from glpath.film.choices import TIME_LIMIT
 from glpath.io.completed import aside
@@ -69,7 +69,8 @@ MethodOption = Annotated[
 
 def register(app: typer.Typer) -> None:
     """Add the command to the command line."""
-    codes = "Exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted (what there is, is written)."
+    codes = "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the checkpoint could not be removed, "
+    codes += "130 interrupted (what there is, is written)."
     later = (
         f" 75: ended by a signal ({TERMINATING_TEXT}) with its checkpoint written; start it again with --resume."
     )
@@ -224,8 +225,8 @@ def radiosity(
             release()  # signals may end the check, because the solution is saved
             found = result_of(lambda: element_error(loaded, solution))
             say(json.dumps(found.recorded()) if run.progress == "json" else str(found), err=True)
-        if checkpoint is not None:
-            checkpoint.remove()
+        if checkpoint is not None and (fault := remove_checkpoint(checkpoint)):
+            raise done_but(fault)
 
 
 def _checkpoint(out: Sequence[Path], run: RunRequest) -> SolverCheckpoint | None:

@@ -247,9 +247,9 @@ OF_RENDERS = tuple(field.name for field in fields(RunRequest))
 OF_FILMS = tuple(name for name in OF_RENDERS if name not in ("verbose", "clean"))
 #: Exit codes of commands that render, for their help.
 EXIT_CODES = (
-    "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written, 75 ended by "
-    f"a signal ({TERMINATING_TEXT}) with its checkpoint written (start it again with --resume), 130 "
-    "interrupted (what there is, is written)"
+    "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done but the last checkpoint could not be written or "
+    f"removed, 75 ended by a signal ({TERMINATING_TEXT}) with its checkpoint written (start it again with "
+    "--resume), 130 interrupted (what there is, is written)"
 )
 # Options that need a device or a film.
 _OF_DEVICES = ("backend", "device", "require_gpu", "noise", "stats", "cluster")

@@ -12,7 +12,7 @@ import typer
 
 from glpath.cli.outcome import Outcome
 from glpath.cli.run_request import OF_RENDERS
-from glpath.cli.signals import hold, interrupted, result_of
+from glpath.cli.signals import by_scheduler, hold, interrupted, result_of
 from glpath.cli.unattended import keep_after_failure, left_in, watched
 from glpath.cli.values import check_inside
 from glpath.errors import GlpathError, UsageError
@@ -20,13 +20,14 @@ from glpath.film.aovs import with_guides
 from glpath.film.choices import INTERRUPTED_RULE, RULES
 from glpath.system.files import check_no_input
 from glpath.system.log import log
-from glpath.system.time_limit import limited
+from glpath.system.time_limit import lift_limit, without_limit_if_resumed
 
 if TYPE_CHECKING:
     from glpath.cli.run_request import RunRequest
     from glpath.film.film import Film
     from glpath.jobs.checkpoint import Checkpoint
     from glpath.jobs.cluster import Cluster
+    from glpath.rendering.interrupts import RenderInterrupted
     from glpath.rendering.job import RenderJob
     from glpath.rendering.progress import Progress
     from glpath.rendering.run_options import RunOptions
@@ -79,11 +80,10 @@ def of_file(job: RenderJob, out: Sequence[Path]) -> Start:
     from glpath.rendering.options import strictly
 
     def film(run: RunOptions) -> Film:
-        with limited(run.time_limit, resumes=run.film is not None):
-            scene = job.seen()
-            for path in out:
-                check_no_input("-o", path)
-            return run_job(job, scene, run)
+        scene = job.seen()
+        for path in out:
+            check_no_input("-o", path)
+        return run_job(job, scene, run)
 
     return lambda run: strictly(lambda: film(run)) if job.strict else film(run)
 
@@ -101,12 +101,16 @@ def workers_of(address: str | None) -> Iterator[Cluster | None]:
         return
     from glpath.jobs.cluster import Cluster
 
-    with Cluster(address) as cluster:
+    with without_limit_if_resumed():
+        cluster = Cluster(address)
+    with cluster:
         yield cluster
 
 
 def outcome_of(start: Start, run: RunRequest, checkpoint: Checkpoint | None, begun: Film | None) -> Outcome:
     """Render and return the outcome; the film is partial if a signal ends the render or workers fail.
+
+    The time limit ends with the render, also for a partial film.
 
     start      : renders the film with given options
     checkpoint : checkpoint of the render; None if there is none
@@ -118,6 +122,7 @@ def outcome_of(start: Start, run: RunRequest, checkpoint: Checkpoint | None, beg
     if checkpoint is not None and begun is not None:
         log.info("resuming from %s path sets of %s", before, checkpoint.path)
     film, failure = _film_of(start, run, checkpoint, begun)
+    lift_limit()
     return Outcome(film, failure, run, checkpoint, before)
 
 
@@ -144,12 +149,14 @@ def _film_of(
                 options = run.options(
                     film=begun, on_step=checkpoint, progress=run.mode, on_progress=watch, cluster=workers
                 )
-                return result_of(lambda: start(options)), None
+                try:
+                    return result_of(lambda: start(options)), None
+                except RenderInterrupted as stop:
+                    films[:] = [stop.film]
+                    _handle_interruption(stop, None if workers is None else checkpoint)
         except ChunksFailedError as error:
+            hold()
             return error.film, error
-        except RenderInterrupted as stop:
-            films[:] = [stop.film]
-            interrupted(stop.number)
         except AnotherRenderError as error:
             assert checkpoint is not None, "only a checkpoint is resumed"
             raise UsageError(
@@ -165,3 +172,14 @@ def _film_of(
         if films[0].metadata.stop_rule not in RULES:
             films[0].metadata = replace(films[0].metadata, stop_rule=INTERRUPTED_RULE)
     return films[0], None
+
+
+def _handle_interruption(stop: RenderInterrupted, checkpoint: Checkpoint | None) -> None:
+    """Record the signal that ended a render. If it came from a scheduler, write the checkpoint of a cluster's film.
+
+    A cluster takes seconds to close, and schedulers do not wait for the checkpoint that is written afterwards.
+    """
+    interrupted(stop.number)
+    film = stop.film
+    if checkpoint is not None and by_scheduler() and film.path_sets and film.metadata.stop_rule not in RULES:
+        checkpoint.write(film)

@@ -40,7 +40,6 @@ class _Signals(SignalRecord):
     """State of signal handling during one command."""
 
     def __init__(self) -> None:
-        self.held = False
         self.resumable = False
         self._waiting = 0
         self.unraisablehook = sys.unraisablehook  # hook to restore after the command

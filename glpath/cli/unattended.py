@@ -8,14 +8,21 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from glpath.errors import GlpathError, UsageError
+import typer
+
+from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.system.files import check_no_input, check_separate, check_writable, recorded_inputs
+from glpath.system.terminal import say
+from glpath.system.time_limit import mark_resumed
 
 if TYPE_CHECKING:
     from glpath.cli.run_request import RunRequest
     from glpath.film.film import Film
     from glpath.jobs.checkpoint import Checkpoint
+    from glpath.system.checkpoint import CheckpointFile
 
+#: Exit code if all outputs are written, but the last checkpoint could not be written or removed.
+DONE_BUT_CHECKPOINT = 3
 #: Possible causes if a render makes no progress, see `watched`.
 RENDERING = "the device or its driver hangs, or a path set takes longer"
 #: Possible causes if a solver makes no progress.
@@ -50,6 +57,8 @@ def checkpointed(
             check_absent(path)
         with recorded_inputs():  # a record of its own, because the checkpoint may be an output
             film = checkpoint.load() if run.resume else None
+        if film is not None and film.path_sets:
+            mark_resumed()
         yield checkpoint, film
 
 
@@ -70,6 +79,21 @@ def keep_after_failure(checkpoint: Checkpoint | None, error: Exception) -> None:
     if checkpoint.write(film, last=True) and isinstance(error, GlpathError):
         kept = f"{film.path_sets} path sets are in {checkpoint.path}; the same command with --resume continues."
         error.remedy = f"{error.remedy}\n{kept}".strip()
+
+
+def remove_checkpoint(checkpoint: CheckpointFile) -> str:
+    """Remove the checkpoint of finished work. Return "", or the reason why it was not removed."""
+    try:
+        checkpoint.remove()
+    except ImageError as error:
+        return f"the checkpoint was not removed: {error.message}"
+    return ""
+
+
+def done_but(fault: str) -> typer.Exit:
+    """Print a fault of the checkpoint after all outputs are written, and return the exit of the command."""
+    say(f"glpath: done, but {fault}", err=True)
+    return typer.Exit(DONE_BUT_CHECKPOINT)
 
 
 def watched(hang_limit: float, left: str, suspects: str = RENDERING) -> AbstractContextManager[object]:

@@ -49,7 +49,7 @@ from glpath.scene import Scene
 from glpath.system.arguments import short_repr
 from glpath.system.heartbeat import heartbeat
 from glpath.system.log import log
-from glpath.system.time_limit import check_time, seconds_left
+from glpath.system.time_limit import check_time, preparing_scene, seconds_left, time_is_up
 
 #: Target time of a chunk, seconds: long compared with the transfer of its film, but short, because the chunk of a
 #: lost worker is rendered again.
@@ -104,7 +104,8 @@ class Cluster(Connection):
         clock = begin(job, plan, scene, options, None, prepared=False)
         if clock.ended_before():
             return clock.film
-        traced = plan.traceable(scene)
+        with preparing_scene():
+            traced = plan.traceable(scene)
         try:
             plan = prepare(job, plan, scene, traced, clock)
             plan = _with_small_bias(plan, job, scene, traced, options, clock)
@@ -144,11 +145,13 @@ def _with_small_bias(
             with context:
                 engine.close()
     except KeyboardInterrupt:
-        raise RenderInterrupted(clock.film) from None
+        raise clock.interruption() from None
     except ContextError as error:
         log.warning("the bias of the gather cannot be measured here: %s", error.message)
         plan = plan.without_bias() or plan
     else:
+        if interrupted:  # the check does not test the flag while it replaces an engine
+            raise clock.interruption(interrupted.signal)
         clock.statistics |= check.statistics or {}
     describe_plan(clock.film, metadata_of(job, plan, scene, None))
     return plan
@@ -276,7 +279,11 @@ class _Render:
             workers=[worker],
         )
         self._running[future] = _Task(chunk, worker)
-        future.add_done_callback(lambda done: self._gatherers.submit(self._gather, done))
+        future.add_done_callback(self._gather_later)
+
+    def _gather_later(self, future: Any) -> None:
+        with contextlib.suppress(RuntimeError):  # after the render, `_gatherers` accepts no more work
+            self._gatherers.submit(self._gather, future)
 
     def _gather(self, future: Any) -> None:
         """Transfer a result in a thread, so that a hanging worker blocks only that thread."""
@@ -363,6 +370,8 @@ class _Render:
             recent = time.monotonic() - _SHUN_S
             self._workers = [w for w in self.cluster.workers() if self._dead.get(w, -math.inf) < recent]
         except Exception as error:
+            if time_is_up():  # the limit cut the wait for the answer short; `_ended` ends the render
+                return
             raise ContextError(
                 f"cluster {self.cluster.address}: the scheduler is gone: {error}.",
                 "Start it again; a render that has kept its film resumes from there.",

@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import math
 import os
 import signal
 import socket
@@ -29,6 +30,7 @@ from glpath.system.log import log
 from glpath.system.machine import core_count
 from glpath.system.numerals import unsigned
 from glpath.system.signals import ENDING
+from glpath.system.time_limit import GRACE, check_time, seconds_left
 
 # Prefix of addresses of local processes.
 _LOCAL = "local:"
@@ -46,6 +48,8 @@ _ANSWER_S = 30.0
 # Signals that child processes do not get. Dask sends SIGTERM to workers that fail to start, so it is not blocked.
 _BLOCKED = set(ENDING) - {signal.SIGTERM}
 _ENCRYPTED = ("tls://", "wss://", "inproc://")
+# Work that errors of the time limit name.
+_CONNECTING = "connecting to the cluster"
 
 
 class Connection:
@@ -129,10 +133,11 @@ class Connection:
 
     def workers(self) -> list[str]:
         """Return the addresses of the present workers. Raises ContextError if the scheduler does not answer."""
+        wait = _patience(_ANSWER_S)
         try:
-            return sorted(self.client.nthreads(callback_timeout=_ANSWER_S))
+            return sorted(self.client.nthreads(callback_timeout=wait))
         except Exception as error:
-            raise self._gone(str(error) or f"no answer in {_ANSWER_S:g} s") from error
+            raise self._gone(str(error) or f"no answer in {wait:.3g} s") from error
 
     def share(self, shared: Sharable) -> None:
         """Send shared data to each present and future worker. Raises ContextError if the scheduler is gone."""
@@ -262,6 +267,7 @@ def _connected(distributed: Any, address: str) -> Any:
         _wait_while_refused(named)
         return _client(distributed, kind)
     except (OSError, ValueError, TimeoutError) as error:
+        check_time(_CONNECTING)
         reason = str(error).splitlines()[0] if str(error) else "timed out"
         raise ContextError(
             f"cluster {address}: no scheduler answers: {reason}.",
@@ -272,11 +278,27 @@ def _connected(distributed: Any, address: str) -> Any:
 
 def _client(distributed: Any, kind: dict[str, str]) -> Any:
     for attempt in range(_LOOP_STARTS):
+        check_time(_CONNECTING)
         try:
-            return distributed.Client(**kind, set_as_default=False, direct_to_workers=True)
+            return distributed.Client(**kind, **_client_timeout(), set_as_default=False, direct_to_workers=True)
         except AssertionError:  # Dask's error if its thread did not start within 10 s on an overloaded machine
             log.debug("the thread of Dask's event loop did not start, attempt %d", attempt + 1)
     raise TimeoutError("the thread of Dask's event loop does not start; is this machine overloaded?")
+
+
+def _client_timeout() -> dict[str, float]:
+    """Return the time for which a client waits for its scheduler: Dask's own, or less within a time limit."""
+    if seconds_left() == math.inf:
+        return {}
+    import dask
+    from dask.utils import parse_timedelta
+
+    return {"timeout": _patience(parse_timedelta(dask.config.get("distributed.comm.timeouts.connect")))}
+
+
+def _patience(longest: float) -> float:
+    """Return `longest`, or the seconds until the time limit and its grace are over if they are fewer."""
+    return min(longest, max(0.0, seconds_left()) + GRACE)
 
 
 def _address_in(path: str) -> str:
@@ -303,9 +325,10 @@ def _wait_while_refused(address: str) -> None:
     until = time.monotonic() + _REFUSED_S
     while host and port is not None:
         try:
-            socket.create_connection((host.strip("[]"), port), timeout=_REFUSED_S).close()
+            socket.create_connection((host.strip("[]"), port), timeout=_patience(_REFUSED_S)).close()
             return
         except ConnectionRefusedError:
+            check_time(_CONNECTING)
             if time.monotonic() > until:
                 raise
             time.sleep(0.2)

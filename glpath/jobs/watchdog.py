@@ -8,7 +8,8 @@ a shell). This process then prints its stack and ends. Data in memory are lost, 
 The watchdog counts only time in which it ran itself, so a suspended render (Ctrl-Z) does not count as hanging. It
 also excludes time in which this process alone was stopped (SIGSTOP, a debugger), and time for which its threads
 waited for a processor, as reported by the operating system. If such time counted, compilation of a kernel on a busy
-machine could exceed the limit. The watchdog ends when the pipe closes, for any reason.
+machine could exceed the limit. While a checkpoint or the file of a frame is written, the watchdog pauses. It ends
+when the pipe closes, for any reason.
 
 Cost:     start of a Python process without packages, 20 ms of another core; then not measurable.
 Poor at:  path sets or solver steps that take longer than the limit on slow machines, which need a higher limit.
@@ -58,10 +59,12 @@ def is_stopped():
     except (OSError, IndexError):
         return False
 
-before = waits()
+before, paused = waits(), False
 while silent < limit:
-    if select.select([0], [], [], tick)[0]:
-        if not os.read(0, 4096):
+    if select.select([0], [], [], None if paused else tick)[0]:
+        received = os.read(0, 4096)
+        paused = received.endswith(b"p")
+        if not received:
             sys.exit()
         silent = 0.0
     else:
@@ -138,10 +141,11 @@ class Watchdog:
             self._process.stdin.close()
             self._process.wait()
 
-    def _beat(self) -> None:
+    def _beat(self, pauses: bool) -> None:
         now = time.monotonic()
-        if now < self._last + _INTERVAL or self._process is None or self._process.stdin is None:
+        too_soon = now < self._last + _INTERVAL and not pauses
+        if too_soon or self._process is None or self._process.stdin is None:
             return
-        self._last = now
+        self._last = -_INTERVAL if pauses else now  # the beat after a pause is never too soon
         with contextlib.suppress(OSError):  # the watchdog has ended, or the pipe is full
-            os.write(self._process.stdin.fileno(), b".")
+            os.write(self._process.stdin.fileno(), b"p" if pauses else b".")

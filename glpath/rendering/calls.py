@@ -212,19 +212,25 @@ def render_frames(
         raise UsageError(
             "film: of a single render, but each frame has its own.", "Render the frames that are missing."
         )
-    job, base = describe(
-        scene,
-        integrator=integrator,
-        spp=run_options.spp(spp),
-        resolution=resolution,
-        parameters=parameters,
-        **chosen,
-    )
+    with limited(run_options.time_limit, anew=True):
+        job, base = describe(
+            scene,
+            integrator=integrator,
+            spp=run_options.spp(spp),
+            resolution=resolution,
+            parameters=parameters,
+            **chosen,
+        )
     workers = run_options.cluster
+    left = iter(frames)
     with ExitStack() as until_done:
         session: Session | None = None
-        for frame in frames:
-            with limited(run_options.time_limit, anew=True), reporting_to(run_options) as reported:
+        while True:
+            with limited(run_options.time_limit, anew=True):
+                try:
+                    frame = next(left)  # within the limit, because an iterator may read the scene of the frame
+                except StopIteration:
+                    return
                 shown = _frame_scene(base, frame)
                 job = replace(
                     job,
@@ -235,11 +241,12 @@ def render_frames(
                 if workers is None and (session is None or not session.follows(job, shown)):
                     until_done.close()  # frees the old session's data on the device, which this job cannot use
                     session = until_done.enter_context(Session(job, shown, run_options))
-                if session is not None:
-                    film = session.render(job, shown, reported)
-                    warn_about(film, session)
-                elif workers is not None:
-                    film = workers.render(job, shown, replace(reported, cluster=None))
+                with reporting_to(run_options) as reported:
+                    if session is not None:
+                        film = session.render(job, shown, reported)
+                        warn_about(film, session)
+                    elif workers is not None:
+                        film = workers.render(job, shown, replace(reported, cluster=None))
             yield film
 
 

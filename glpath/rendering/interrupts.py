@@ -105,6 +105,7 @@ def interrupt_as_flag() -> Iterator[Flag]:
     The same applies to each signal of `TERMINATING` with a Python handler; the command line installs such handlers.
     Each signal has its own handler, because a shell starts background jobs with SIGINT ignored. In other threads
     than the main thread, which get no signals, it has no effect.
+    After a signal, a command's further signals wait, because the command then cleans up and saves its result.
     """
     flag = Flag()
     before = {number: signal.getsignal(number) for number in ENDING}
@@ -129,5 +130,7 @@ def interrupt_as_flag() -> Iterator[Flag]:
         yield flag
     finally:
         flag.close()
+        for command in RECORDS if flag else ():
+            command.held = True
         for number, handler in handled.items():
             signal.signal(number, handler)

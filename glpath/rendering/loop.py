@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -23,13 +24,16 @@ from glpath.rendering.factory import Counts
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
 from glpath.rendering.progress import Progress
 from glpath.rendering.run_options import RunOptions
-from glpath.rendering.stopping import ended_by, first_look
+from glpath.rendering.stopping import ended_by, first_look, looked_at
 from glpath.rendering.tiles import Tile
 from glpath.system.heartbeat import heartbeat
+from glpath.system.machine import core_count
 from glpath.system.time_limit import seconds_left, time_is_up
 
 # Maximum time of one step, seconds; Ctrl-C and the progress wait for its end.
 _STEP_SECONDS = 0.5
+# Estimated time of the first look that denoises, seconds per pixel and core, see `glpath.film.denoise`.
+_LOOK_S_PER_PIXEL = 0.2 / 256**2
 
 
 def trace(engine: Engine, context: Context, tiles: list[Tile], clock: Clock, path_sets: tuple[int, int]) -> None:
@@ -122,6 +126,9 @@ class Clock:
 
     def __post_init__(self) -> None:
         self._before = self.film.metadata
+        if self.options.clean is not None:
+            _, _, width, height = self._before.window
+            self._look_s = _LOOK_S_PER_PIXEL * width * height / core_count()
 
     @property
     def elapsed(self) -> float:
@@ -138,7 +145,7 @@ class Clock:
         if time_is_up():
             return TIME_LIMIT
         # A check that denoises takes seconds. Skip it if it would end after the time limit.
-        if at_block and self._look_s < seconds_left():
+        if at_block and looked_at(self.options, self.film.path_sets) and self._look_s < seconds_left():
             began = time.perf_counter()
             rule, bound = ended_by(self.film, self.options)
             self._look_s = time.perf_counter() - began
@@ -161,6 +168,14 @@ class Clock:
         """End the render with only the path sets of the resumed film."""
         self.film.metadata = replace(self._before, stop_rule=rule, error_bound=self._bound)
         self.report("rendering", ended=True)
+
+    def interruption(self, number: int = signal.SIGINT) -> RenderInterrupted:
+        """Mark the film as interrupted before the first step, and return the exception to raise.
+
+        number : number of the signal
+        """
+        self.film.metadata = replace(self.film.metadata, stop_rule=INTERRUPTED_RULE)
+        return RenderInterrupted(self.film, number)
 
     def report(self, stage: str, ended: bool = False) -> None:
         heartbeat.beat()

@@ -19,7 +19,7 @@ from glpath.gl.memory import OUT_OF_MEMORY
 from glpath.integrators.engine import Engine
 from glpath.rendering.bias import BiasCheck, BiasProbe
 from glpath.rendering.factory import UNGUIDED, Plan, plan_of, sensor_in
-from glpath.rendering.interrupts import RenderInterrupted, interrupt_as_flag
+from glpath.rendering.interrupts import interrupt_as_flag
 from glpath.rendering.job import RenderJob
 from glpath.rendering.loop import Clock, trace
 from glpath.rendering.resume import check_same_render
@@ -169,8 +169,10 @@ class Session:
             try:
                 plan, settled = check.settle(self._plan, engine)
             except KeyboardInterrupt:
-                raise RenderInterrupted(clock.film, interrupted.signal) from None
+                raise clock.interruption(interrupted.signal) from None
             self._plan, self._engine, self._probe = plan, settled, check.probe
+        if interrupted:  # the check does not test the flag while it replaces an engine
+            raise clock.interruption(interrupted.signal)
         clock.statistics |= check.statistics or {}
         describe_plan(clock.film, metadata_of(job, plan, scene, None))
         return settled
@@ -255,7 +257,8 @@ def begin(
         film = empty_film(metadata)
     else:
         check_same_render(film, metadata, job.path_sets, set() if prepared else {"settings.radiosity"})
-        film.metadata = replace(film.metadata, unit=metadata.unit)  # older film files have no unit
+        # Older film files have no unit. The rule that ended the earlier run must not count as the end of this one.
+        film.metadata = replace(film.metadata, unit=metadata.unit, stop_rule="", error_bound=None)
     count_earlier(film.metadata.elapsed_s)
     renderer = "" if context is None else context.info.renderer
     return Clock(film, job.spp, renderer, options, started=counted_from())
@@ -282,7 +285,7 @@ def prepare(job: RenderJob, plan: Plan, scene: Scene, traced: Scene, clock: Cloc
     try:
         prepared = plan.prepared(traced, clock.report)
     except KeyboardInterrupt:
-        raise RenderInterrupted(clock.film) from None
+        raise clock.interruption() from None
     if prepared is not plan:
         clock.statistics["radiosity_s"] = time.perf_counter() - started
     if getattr(plan.settings, "guided", False) and not getattr(prepared.settings, "guided", False):

@@ -17,6 +17,7 @@ from typing import ClassVar, Self
 
 from glpath.errors import ImageError
 from glpath.system.files import reason_of, remove_parts, replacing_links, rescued, special_kind
+from glpath.system.heartbeat import heartbeat
 from glpath.system.locks import Lock, Locked
 from glpath.system.log import log
 
@@ -92,7 +93,7 @@ class CheckpointFile(Locked):
         """
         started = time.monotonic()
         try:
-            with nullcontext() if self.is_output else replacing_links():
+            with heartbeat.paused(), nullcontext() if self.is_output else replacing_links():
                 save(self.path)
         except ImageError as error:
             self.failure = error.message

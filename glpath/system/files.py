@@ -43,6 +43,8 @@ _NO_TOKEN = 8 * "\0"
 _inputs: dict[str, None] | None = None
 # True within `replacing_links`.
 _REPLACING_LINKS: ContextVar[bool] = ContextVar("replacing_links", default=False)
+# True within `without_waiting`.
+_WITHOUT_WAITING: ContextVar[bool] = ContextVar("without_waiting", default=False)
 
 
 def shipped_folder(name: str) -> Path | None:
@@ -119,6 +121,19 @@ def replacing_links() -> Iterator[None]:
         yield
     finally:
         _REPLACING_LINKS.reset(token)
+
+
+@contextmanager
+def without_waiting() -> Iterator[None]:
+    """Context in which writing to a pipe fails if nobody reads the pipe, instead of waiting for a reader.
+
+    Standard output is an exception.
+    """
+    token = _WITHOUT_WAITING.set(True)
+    try:
+        yield
+    finally:
+        _WITHOUT_WAITING.reset(token)
 
 
 @contextmanager
@@ -464,9 +479,18 @@ def _through_a_folder(path: str | Path) -> Iterator[Path]:
 
 
 def _opened(path: str | Path) -> AbstractContextManager[BinaryIO]:
-    if str(path) != _STDOUT:
-        return open(path, "wb")
-    return nullcontext(_standard_output())
+    if str(path) == _STDOUT:
+        return nullcontext(_standard_output())
+    return open(path, "wb", opener=_open_at_once if _WITHOUT_WAITING.get() else None)
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    try:
+        return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+    except OSError as error:
+        if error.errno == errno.ENXIO:
+            raise OSError(errno.ENXIO, "nobody reads the pipe") from error
+        raise
 
 
 def _standard_output() -> BinaryIO:

@@ -22,9 +22,13 @@ TERMINATING_TEXT = ", ".join(number.name for number in TERMINATING)
 
 
 class SignalRecord:
-    """First signal of a command, whichever code handles it."""
+    """First signal of a command, whichever code handles it.
+
+    held : True if further signals wait, so that they do not break into cleaning up and saving
+    """
 
     first: int | None = None
+    held = False
 
     def record(self, number: int) -> None:
         """Record a signal; later ones change nothing."""

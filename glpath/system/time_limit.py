@@ -167,6 +167,13 @@ def without_limit_if_resumed() -> Iterator[None]:
         yield
 
 
+def mark_resumed() -> None:
+    """Record that the caller has the result of an earlier run, see `without_limit_if_resumed`."""
+    limit = _limit.get()
+    if limit is not None:
+        limit.resumes = True
+
+
 def lift_limit() -> None:
     """End the limit, because the result exists and later work, such as denoising and writing, does not count."""
     limit = _limit.get()

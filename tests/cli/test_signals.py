@@ -6,11 +6,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType, SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -18,8 +19,11 @@ import glpath
 from glpath.cli import frames
 from glpath.cli.signals import hold, interrupted, signals_wait_for_results
 from glpath.film.film import Film
-from glpath.rendering import calls, interrupts
+from glpath.jobs import cluster
+from glpath.rendering import calls, interrupts, session
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
+from glpath.rendering.loop import Clock
+from glpath.rendering.run_options import RunOptions
 from glpath.system.signals import REPEATED
 from tests.conftest import MakeFilm
 from tests.support.command_line import run
@@ -352,3 +356,57 @@ def test_film_of_a_render_that_a_second_signal_ends_can_be_resumed(
     monkeypatch.setattr(calls, "run_job", run_job)
     result = run("render", "furnace", "--spp", 5, "-o", tmp_path / "a.npz")
     assert f"--resume continues from {tmp_path / 'a.npz'}" in result.stderr
+
+
+@pytest.mark.parametrize("number", REPEATED)
+def test_signal_that_repeats_does_not_break_into_cleaning_up(number: signal.Signals) -> None:
+    before = signal.signal(number, signal.SIG_DFL)  # under nohup SIGHUP is ignored
+    try:
+        with signals_wait_for_results():
+            with interrupt_as_flag() as flag:
+                signal.raise_signal(number)
+            assert flag
+            for _ in range(5):
+                signal.raise_signal(number)
+    finally:
+        signal.signal(number, before)
+
+
+def test_second_ctrl_c_does_not_break_into_cleaning_up(capfd: pytest.CaptureFixture[str]) -> None:
+    with signals_wait_for_results():
+        with interrupt_as_flag():
+            signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+    assert "to give that up, interrupt twice more" in capfd.readouterr().err
+
+
+class StruckCheck:
+    """Bias check during which Ctrl-C comes while it replaces an engine, so that only the flag is set."""
+
+    probe, statistics = None, None
+
+    def __init__(self, *_: object, **__: object) -> None:
+        pass
+
+    def settle(self, plan: object, engine: object) -> tuple[object, object]:
+        signal.raise_signal(signal.SIGINT)
+        return plan, engine
+
+
+@pytest.mark.parametrize("by_cluster", [False, True])
+def test_ctrl_c_during_the_bias_check_interrupts(
+    by_cluster: bool, monkeypatch: pytest.MonkeyPatch, make_film: MakeFilm
+) -> None:
+    clock, plan, job = Clock(make_film([(0, 2)]), 8, "", RunOptions()), MagicMock(), MagicMock()
+    module = cluster if by_cluster else session
+    monkeypatch.setattr(module, "BiasCheck", StruckCheck)
+    monkeypatch.setattr(module, "sensor_in", MagicMock())
+    of_gather = session.Session(job, MagicMock(), RunOptions(), context=MagicMock(), plan=plan)
+    of_gather._checks_bias, of_gather._tiles = True, [MagicMock()]
+    check: dict[bool, Callable[[], object]] = {
+        True: lambda: cluster._with_small_bias(plan, job, MagicMock(), MagicMock(), MagicMock(), clock),
+        False: lambda: of_gather._with_small_bias(MagicMock(), clock, job, MagicMock(), 0.0),
+    }
+    with pytest.raises(RenderInterrupted) as caught:
+        check[by_cluster]()
+    assert (caught.value.film, caught.value.film.metadata.stop_rule) == (clock.film, "interrupted")

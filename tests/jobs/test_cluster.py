@@ -42,6 +42,7 @@ from glpath.rendering.resume import AnotherRenderError
 from glpath.sensors.sensor import PointSensor
 from glpath.system.time_limit import limited
 from tests.support import killing
+from tests.support.clock import Clock
 from tests.support.engines import with_depth
 from tests.support.films import same
 
@@ -320,6 +321,12 @@ def test_an_error_without_words_is_a_chunk_that_failed(caplog):
     assert len(render._running) == 1
 
 
+def test_result_that_arrives_after_the_render_is_ignored():
+    render = clusters._Render(SimpleNamespace(), SimpleNamespace(token="0" * 8), SimpleNamespace())
+    render._gatherers.shutdown()
+    render._gather_later(Submitted())
+
+
 def test_a_mistake_of_the_user_is_not_tried_again(workers, monkeypatch):
     monkeypatch.setattr(session, "plan_of", lambda settings: Faulty(plan_of(settings), 21, "user"))
     with pytest.raises(UsageError, match="at 21"):
@@ -559,6 +566,47 @@ def test_an_address_is_never_taken_for_a_file(tmp_path, monkeypatch):
     assert clusters_connection._connected(asked, "inproc://a")["address"] == "inproc://a"
     path = str(Path("inproc:", "a"))
     assert clusters_connection._connected(asked, path)["scheduler_file"] == path
+
+
+def test_time_limit_ends_the_wait_for_a_scheduler(monkeypatch):
+    clock, made = Clock(monkeypatch), []
+
+    def client(**kind):
+        made.append(kind["timeout"])
+        clock.ahead += made[-1] + 0.01
+        raise TimeoutError
+
+    asked = SimpleNamespace(Client=client, Security=distributed.Security)
+    with limited(2.0), pytest.raises(TimeLimitError, match="time_limit=2: over while connecting to the cluster"):
+        clusters_connection._connected(asked, "inproc://a")
+    assert made == [pytest.approx(3.0)]  # the limit, and a second more for required work
+
+
+def test_time_limit_ends_the_attempts_at_a_refused_connection(monkeypatch):
+    clock = Clock(monkeypatch)
+    with limited(2.0):
+        clock.ahead = 3.1
+        with pytest.raises(TimeLimitError, match="over while connecting to the cluster"):
+            clusters_connection._wait_while_refused("tcp://127.0.0.1:1")
+
+
+def test_scheduler_that_does_not_answer_before_the_time_limit_does_not_fail_the_render(monkeypatch):
+    clock, waits = Clock(monkeypatch), []
+
+    def nthreads(callback_timeout):
+        waits.append(callback_timeout)
+        clock.ahead += callback_timeout
+        raise TimeoutError
+
+    connection = clusters_connection.Connection.__new__(clusters_connection.Connection)
+    connection.client, connection.address = SimpleNamespace(nthreads=nthreads, status="running"), "played"
+    render = clusters._Render(connection, SimpleNamespace(token="0" * 8), SimpleNamespace())
+    with limited(2.0):
+        render._look_around(Chunks([(0, 8)], 1.0))
+    assert waits == [pytest.approx(3.0)]
+    with pytest.raises(ContextError, match="the scheduler is gone"):
+        render._look_around(Chunks([(0, 8)], 1.0))
+    assert waits[1] == clusters_connection._ANSWER_S
 
 
 def test_an_address_where_nobody_listens_is_refused_in_seconds():

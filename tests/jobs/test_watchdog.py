@@ -8,18 +8,23 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from glpath.film.film import Film
+from glpath.jobs import watchdog
 from glpath.jobs.watchdog import Watchdog
+from glpath.system.checkpoint import CheckpointFile
 from glpath.system.heartbeat import heartbeat
 
 # Holds Python's lock while it sleeps, as a driver does that hangs: no thread of this process can do anything.
 HANGING = """
 import ctypes, sys, time
+from glpath.jobs import watchdog
 from glpath.jobs.watchdog import Watchdog
+from glpath.system.checkpoint import CheckpointFile
 from glpath.system.heartbeat import heartbeat
 
 def hang_in_the_driver():
@@ -88,6 +93,7 @@ def test_stopped_process_hangs_only_after_it_continues(then: str, code: int) -> 
 STARVED = """
 import os, sys, threading, time
 from pathlib import Path
+from types import SimpleNamespace
 from glpath.jobs import watchdog
 stat = Path(sys.argv[1], str(os.getpid()), "task", "1", "schedstat")
 stat.parent.mkdir(parents=True)
@@ -184,3 +190,33 @@ def test_a_solver_that_hangs_keeps_its_last_checkpoint(tmp_path: Path) -> None:
     with np.load(checkpoint) as state:
         assert int(state["steps"]) == 8
     assert not out.exists()
+
+
+def test_work_that_is_announced_as_long_does_not_hang() -> None:
+    """As a checkpoint on a slow disk; after it, silence counts again."""
+    command = [sys.executable, "-I", "-S", "-c", watchdog._CODE]
+    with (
+        subprocess.Popen(["sh", "-c", "ulimit -c 0; exec sleep 20"]) as watched,
+        subprocess.Popen([*command, str(watched.pid), "0.1", "hung", "/proc"], stdin=subprocess.PIPE) as watching,
+    ):
+        assert watching.stdin is not None
+        watching.stdin.write(b".p")
+        watching.stdin.flush()
+        time.sleep(0.4)
+        assert watched.poll() is None
+        watching.stdin.write(b".")
+        watching.stdin.flush()
+        assert watched.wait(timeout=30) == -signal.SIGABRT
+        watching.stdin.close()
+
+
+def test_watchdog_pauses_while_a_checkpoint_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[bytes] = []
+    dog = Watchdog(60.0, "", "")
+    monkeypatch.setattr(dog, "_process", SimpleNamespace(stdin=SimpleNamespace(fileno=lambda: 99)))
+    monkeypatch.setattr(watchdog.os, "write", lambda _, text: sent.append(text))
+    monkeypatch.setattr(heartbeat, "listener", dog._beat)
+    heartbeat.beat()
+    heartbeat.beat()  # too soon after the first
+    CheckpointFile(tmp_path / "a.npz").written_by(lambda path: sent.append(b"saved"), 1)
+    assert sent == [b".", b"p", b"saved", b"."]

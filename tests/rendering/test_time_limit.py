@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import glpath
+from glpath.bake.lightmap import Bake
+from glpath.bake.probes import ProbeGrid
+from glpath.cli.run_request import RunRequest
+from glpath.cli.unattended import checkpointed
+from glpath.rendering import loop
 from glpath.rendering.factory import UNGUIDED
 from glpath.rendering.run_options import RunOptions
+from glpath.system.time_limit import check_time, limited, preparing_scene
+from tests.conftest import MakeFilm
 from tests.support.clock import Clock
 
 BOX = "cornell-box-36"
@@ -181,6 +191,24 @@ def test_a_look_that_denoises_is_not_begun_when_it_would_end_after_the_limit(
     assert film.metadata.stop_rule == "spp"
 
 
+@pytest.mark.parametrize(("limit", "looks"), [(0.19, []), (0.21, [16])])
+def test_first_look_is_not_begun_if_it_would_end_after_the_limit(
+    limit: float, looks: list[int], clock: Clock, monkeypatch: pytest.MonkeyPatch, make_film: MakeFilm
+) -> None:
+    """Denoising 256 x 256 pixels takes one core 0.2 s."""
+    found: list[int] = []
+    monkeypatch.setattr(glpath.Film, "denoised_noise", lambda film: found.append(film.path_sets))
+    monkeypatch.setattr(loop, "core_count", lambda: 1)
+    film = make_film([(0, 8)])
+    film.metadata = replace(film.metadata, window=(0, 0, 256, 256))
+    with limited(limit):
+        of_render = loop.Clock(film, 64, "", RunOptions(clean=0.01))
+        assert of_render.ended(at_block=True) == ""  # a block without a look leaves the estimate as it is
+        of_render.film = make_film([(0, 16)])
+        assert of_render.ended(at_block=True) == ""
+    assert found == looks
+
+
 def test_each_frame_has_the_limit_to_itself(clock: Clock) -> None:
     cameras = [{"position": (x, 1.0, 3.2)} for x in (0.0, 0.1)]
     options = {**SIZE, "integrator": "path", "guide": "cosine", "spp": 2}
@@ -189,6 +217,28 @@ def test_each_frame_has_the_limit_to_itself(clock: Clock) -> None:
         films.append(film)
         clock.ahead += 100.0
     assert [film.metadata.stop_rule for film in films] == ["spp", "spp"]
+
+
+def test_reading_of_a_frame_counts_towards_its_time_limit(clock: Clock) -> None:
+    def frames() -> Iterator[glpath.Scene]:
+        clock.ahead = 6.1
+        check_time("reading frame 0")
+        raise AssertionError("the limit ends the reading")
+        yield
+
+    with pytest.raises(glpath.TimeLimitError, match="time_limit=5: over while reading frame 0"):
+        next(glpath.render_frames(BOX, frames(), time_limit=5.0, integrator="path", spp=1))
+
+
+def test_reading_of_the_scene_of_frames_has_the_time_limit(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    def describe(*_: object, **__: object) -> None:
+        clock.ahead = 6.1
+        check_time("reading the scene")
+        raise AssertionError("the limit ends the reading")
+
+    monkeypatch.setattr("glpath.rendering.calls.describe", describe)
+    with pytest.raises(glpath.TimeLimitError, match="time_limit=5: over while reading the scene"):
+        next(glpath.render_frames(BOX, [{}], time_limit=5.0))
 
 
 def test_each_view_has_the_limit_to_itself(clock: Clock) -> None:
@@ -256,3 +306,36 @@ def test_no_warning_comes_of_a_limit_that_is_far(clock: Clock) -> None:
         warnings.simplefilter("error", glpath.SceneWarning)
         film = glpath.render(BOX, time_limit=1e6, spp=4, **SIZE)
     assert film.metadata.integrator == "gather"
+
+
+def test_preparation_of_a_resumed_bake_and_of_resumed_probes_is_exempt(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise the limit would end them with an error, and the film could not be returned."""
+
+    def prepare(*_: object, **__: object) -> None:
+        check_time("building the BVH")
+        raise ArithmeticError
+
+    monkeypatch.setattr("glpath.bake.lightmap.Surfaces.of", prepare)
+    monkeypatch.setattr("glpath.bake.probes.path_traceable", prepare)
+    scene = glpath.load_scene(BOX)
+    for resumes, error in ((True, ArithmeticError), (False, glpath.TimeLimitError)):
+        with limited(1.0, resumes=resumes):
+            clock.ahead += 9.0
+            with pytest.raises(error):
+                Bake.of(scene, size=16, uv="keep", denoise=False)
+            with pytest.raises(error):
+                ProbeGrid.of(scene)
+
+
+@pytest.mark.parametrize("path_sets", [0, 2])
+def test_preparation_of_a_command_is_exempt_if_its_checkpoint_has_path_sets(
+    path_sets: int, clock: Clock, tmp_path: Path, make_film: MakeFilm
+) -> None:
+    make_film([(0, path_sets)] if path_sets else []).save(tmp_path / "a.npz")
+    request = RunRequest(resume=True)
+    with limited(1.0), checkpointed([tmp_path / "a.npz"], request):
+        clock.ahead = 9.0
+        with nullcontext() if path_sets else pytest.raises(glpath.TimeLimitError), preparing_scene():
+            check_time("building the BVH")
