@@ -553,7 +553,10 @@ def test_a_scene_is_solved_by_so_many_particles(
 
 @pytest.mark.parametrize("scene", ["cornell-box-36", pytest.param("room", marks=pytest.mark.evidence)])
 def test_the_noise_of_the_solution_that_a_gather_makes_is_not_in_the_picture(scene: str) -> None:
-    """A hundredth of what a picture of a hundred sets is off; both pictures have the same paths."""
+    """In `room` the solution's noise adds 5e-5 to 6e-5 (four seeds) to 2.2e-3, the relMSE of 64 path sets.
+
+    Both pictures have the same paths.
+    """
     traced = glpath.load_scene(scene).with_camera(resolution=(32, 32))
 
     def picture(solution: glpath.RadiositySolution | None) -> np.ndarray:
@@ -563,7 +566,7 @@ def test_the_noise_of_the_solution_that_a_gather_makes_is_not_in_the_picture(sce
         traced, method="monte-carlo", patches=factory.GATHER_PATCHES, particles=1 << 21, seed=1
     )
     found, truth = picture(None), picture(exact)
-    assert relative_mse(found, truth) < 6e-5
+    assert relative_mse(found, truth) < 7e-5
     assert found.mean() == pytest.approx(truth.mean(), rel=3e-3)
 
 
