@@ -355,6 +355,7 @@ def _data(uri: str, location: SourceLocation) -> bytes:
     try:
         if not head.lower().endswith(";base64"):
             return unquote_to_bytes(body)
-        return base64.b64decode(unquote_to_bytes(body) if "%" in body else body, validate=True)
+        content = b"".join((unquote_to_bytes(body) if "%" in body else body.encode("ascii")).split())
+        return base64.b64decode(content + b"=" * (-len(content) % 4), validate=True)
     except (binascii.Error, ValueError) as error:
         raise location.error(f"is a data: URI that is not base64: {error}.") from error

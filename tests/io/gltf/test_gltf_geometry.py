@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from glpath import SceneWarning
-from glpath.io.gltf import Model, read_gltf
+from glpath import SceneError, SceneWarning
+from glpath.io.gltf import Model, document, read_gltf
 from glpath.io.gltf.table import Table
 from glpath.scene.model import Mesh, Shapes
+from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import box_mesh
 from tests.support.gltf_files import TRIANGLE, Gltf
 from tests.support.repository import ROOT
@@ -46,6 +47,22 @@ def test_a_triangle_is_read_from_both_forms(tmp_path: Path, suffix: str) -> None
     assert mesh.uv is None
     assert mesh.normals is None
     assert mesh.colours is None
+
+
+@pytest.mark.parametrize(
+    "body", ["AAEC\r\nAwQF\n", "AAEC AwQF", "AAECAwQF%0A", "AAECAwQFBg", "AAECAwQFBg==", "AAECAwQFBgc"]
+)
+def test_base64_may_have_line_breaks_and_no_padding(body: str) -> None:
+    """The expected bytes are 0, 1, 2 ...; three of them are four characters [RFC 4648]."""
+    found = document._data(f"data:;base64,{body}", SourceLocation("a.gltf"))
+    count = {"g": 7, "=": 7, "c": 8}.get(body[-1], 6)
+    assert found == bytes(range(count))
+
+
+@pytest.mark.parametrize("body", ["AAEC*wQF", "AAECA", "ÄAEC"])
+def test_what_is_not_base64_is_refused(body: str) -> None:
+    with pytest.raises(SceneError, match="not base64"):
+        document._data(f"data:;base64,{body}", SourceLocation("a.gltf"))
 
 
 def test_a_buffer_beside_the_model_is_read_by_its_percent_encoded_name(tmp_path: Path) -> None:
