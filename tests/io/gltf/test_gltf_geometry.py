@@ -576,6 +576,76 @@ def placed_one_by_one(file: Gltf) -> list[np.ndarray]:
             turn = quaternion_matrix(*node.get("rotation", [0, 0, 0, 1]))
             local[:3, :3] = turn @ np.diag(node.get("scale", [1, 1, 1]))
             local[:3, 3] = node.get("translation", [0, 0, 0])
+def draco_file(ids: dict[str, int], packed: bytes, **attributes: int) -> Gltf:
+    """A file of one Draco mesh. attributes: accessors, beside that of POSITION."""
+    file = Gltf()
+    extension = {"bufferView": file.view(packed), "attributes": ids}
+    position = file.add("accessors", componentType=5126, count=3, type="VEC3")
+    primitive = {
+        "attributes": {"POSITION": position, **attributes},
+        "extensions": {"KHR_draco_mesh_compression": extension},
+    }
+    file.add("meshes", primitives=[primitive])
+    return file
+
+
+def position_id(draco: Any, packed: bytes) -> int:
+    (number,) = [a["unique_id"] for a in draco.decode(packed).attributes if a["attribute_type"] == 0]
+    return int(number)
+
+
+@pytest.mark.parametrize("outside", ["", "JOINTS_0", "WEIGHTS_0"])
+def test_joints_and_weights_of_draco_meshes_bend_them(outside: str, tmp_path: Path) -> None:
+    """Each vertex follows the joint of its weight, whether the two arrays are compressed or one has an accessor."""
+    draco = pytest.importorskip("DracoPy", reason="needs the extra gltf")
+    joints = np.tile(np.array([1, 0, 2, 0], np.uint16), (3, 1))
+    weights = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0.25, 0, 0.75, 0]], np.float32)
+    arrays = {"JOINTS_0": (7, joints, "uint16"), "WEIGHTS_0": (8, weights, "float32")}
+    packed = draco.encode(
+        np.array(TRIANGLE, np.float32),
+        np.array([[0, 1, 2]]),
+        preserve_order=True,
+        generic_attributes={number: array for name, (number, array, _) in arrays.items() if name != outside},
+    )
+    ids = {name: number for name, (number, _, _) in arrays.items() if name != outside}
+    file = draco_file({"POSITION": position_id(draco, packed), **ids}, packed)
+    attributes = file.json["meshes"][0]["primitives"][0]["attributes"]
+    for name, (_, array, dtype) in arrays.items():
+        attributes[name] = file.accessor(array, dtype)
+        if name != outside:
+            del file.json["accessors"][attributes[name]]["bufferView"]
+    places = [file.node(translation=[0, 0, z]) for z in (0, 4, 8)]
+    file.node(mesh=0, skin=file.add("skins", joints=places))
+    (found,) = Shapes(read(file, tmp_path).shapes).triangles
+    np.testing.assert_allclose(found, np.add(TRIANGLE, [[0, 0, 4], [0, 0, 0], [0, 0, 7]]), atol=1e-3)
+
+
+def test_attributes_beside_draco_data_are_read(tmp_path: Path) -> None:
+    draco = pytest.importorskip("DracoPy", reason="needs the extra gltf")
+    packed = draco.encode(np.array(TRIANGLE, np.float32), np.array([[0, 1, 2]]), preserve_order=True)
+    file = draco_file({"POSITION": position_id(draco, packed)}, packed)
+    uv = [[0.25, 0], [1, 0], [0, 0.5]]
+    file.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = file.accessor(uv)
+    file.node(mesh=0)
+    np.testing.assert_allclose(the_mesh(read(file, tmp_path)).uv, [[0.25, 1], [1, 1], [0, 0.5]])
+
+
+@pytest.mark.parametrize(("normalized", "u"), [(True, 1.0), (False, 255.0)])
+def test_whole_numbers_in_draco_data_are_shares_if_the_accessor_says_so(
+    normalized: bool, u: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uv = np.array([[255, 0], [0, 0], [0, 0]], np.uint8)
+    decoded = np.array([[0, 1, 2]]), {0: np.array(TRIANGLE, np.float32), 1: uv}
+    monkeypatch.setattr("glpath.io.gltf.compression.draco", lambda data, location: decoded)
+    monkeypatch.setattr("glpath.io.gltf.compression.draco_counts", lambda data, location: (1, 3))
+    file = draco_file({"POSITION": 0, "TEXCOORD_0": 1}, b"\0", TEXCOORD_0=1)
+    file.add("accessors", componentType=5121, count=3, type="VEC2", normalized=normalized)
+    file.node(mesh=0)
+    found = the_mesh(read(file, tmp_path)).uv
+    assert found is not None
+    assert found[0, 0] == u
+
+
         found[index] = above @ local
         for child in node.get("children", []):
             place(child, found[index])
