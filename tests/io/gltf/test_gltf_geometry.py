@@ -407,6 +407,54 @@ def test_steps_hold_the_key_before(tmp_path: Path) -> None:
     assert found == [2, 6]
 
 
+@pytest.mark.parametrize("interpolation", ["STEP", "LINEAR"])
+def test_a_key_at_a_frame_is_reached_in_this_frame(interpolation: str, tmp_path: Path) -> None:
+    """Files store 0.1 as the nearest number of 24 bits, which is above that of 53 bits."""
+    file = Gltf()
+    node = file.node(mesh=file.mesh())
+    keys = file.accessor(np.arange(4) / 10.0)
+    values = file.accessor([[x, 0, 0] for x in range(4)])
+    sampler = {"input": keys, "output": values, "interpolation": interpolation}
+    channel = {"sampler": 0, "target": {"node": node, "path": "translation"}}
+    file.add("animations", samplers=[sampler], channels=[channel])
+    found = [read(file, tmp_path, time=i / 10).shapes[0].world_from_object[0, 0, 3] for i in range(4)]
+    np.testing.assert_allclose(found, [0, 1, 2, 3], atol=1e-6)
+
+
+def test_a_key_where_the_shutter_opens_is_no_further_sample(tmp_path: Path) -> None:
+    file = animated("translation", "LINEAR", [[2, 0, 0], [6, 0, 0]])
+    file.json["animations"][0]["samplers"][0]["input"] = file.accessor([0.1, 0.3])
+    (shape,) = read(file, tmp_path, time=0.1, shutter=0.2).shapes
+    assert shape.motion is not None
+    assert len(shape.motion.times) == 17
+
+
+def test_keys_of_one_time_are_a_jump(tmp_path: Path) -> None:
+    file = animated("translation", "LINEAR", [[2, 0, 0], [6, 0, 0], [8, 0, 0], [9, 0, 0]])
+    file.json["animations"][0]["samplers"][0]["input"] = file.accessor([0.0, 2.0, 2.0, 4.0])
+    found = [read(file, tmp_path, time=t).shapes[0].world_from_object[0, 0, 3] for t in (1.0, 2.0, 3.0)]
+    assert found == [4, 8, 8.5]
+
+
+def test_a_track_without_keys_moves_nothing(tmp_path: Path) -> None:
+    file = animated("translation", "LINEAR", [[2, 0, 0], [6, 0, 0]])
+    for accessor in file.json["accessors"][-2:]:
+        accessor["count"] = 0
+    np.testing.assert_array_equal(read(file, tmp_path, time=1.0).shapes[0].world_from_object[0], np.eye(3, 4))
+
+
+@pytest.mark.parametrize("mode", range(7))
+@pytest.mark.parametrize("empty", ["indices", "all"])
+def test_a_primitive_without_vertices_or_indices_draws_nothing(empty: str, mode: int, tmp_path: Path) -> None:
+    file = Gltf()
+    number = file.mesh(indices=[0, 1, 2], mode=mode)
+    for accessor in file.json["accessors"][: 1 if empty == "indices" else 2]:
+        accessor["count"] = 0
+    file.node(mesh=number)
+    whole = file.node(mesh=file.mesh())
+    assert [shape.name for shape in read(file, tmp_path).shapes] == [f"mesh-{whole}"]
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_half_way_between_two_rotations_is_half_the_angle_the_shorter_way(tmp_path: Path, sign: int) -> None:
     angle = np.radians(120)
@@ -528,54 +576,6 @@ def test_draco_meshes_are_unpacked(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.sort(found.vertices, axis=0), np.sort(TRIANGLE, axis=0), atol=1e-3)
 
 
-def tree(count: int, seed: int) -> Gltf:
-    """Nodes below each other in any order, half of them by a matrix, a tenth mirrored; each shows a triangle."""
-    draw = np.random.default_rng(seed)
-    file = Gltf()
-    mesh = file.mesh()
-    below: list[list[int]] = [[] for _ in range(count)]
-    order = draw.permutation(count)
-    for i in range(1, count):
-        if draw.random() < 0.9:
-            below[order[draw.integers(0, i)]].append(int(order[i]))
-    for children in below:
-        fields: dict[str, Any] = {"mesh": mesh} | ({"children": children} if children else {})
-        if draw.random() < 0.5:
-            matrix = np.eye(4)
-            matrix[:3] = np.c_[draw.normal(size=(3, 3)), draw.normal(size=3)]
-            fields["matrix"] = matrix.T.ravel().tolist()
-        else:
-            turn = draw.normal(size=4)
-            parts = {
-                "translation": draw.normal(size=3),
-                "rotation": turn / np.linalg.norm(turn),
-                "scale": draw.uniform(0.5, 1.5, 3) * (1 if draw.random() < 0.8 else [-1, 1, 1]),
-            }
-            fields |= {name: value.tolist() for name, value in parts.items() if draw.random() < 0.7}
-        file.node(**fields)
-    return file
-
-
-def quaternion_matrix(x: float, y: float, z: float, w: float) -> np.ndarray:
-    """By turning each axis: q v q*, written out with cross products."""
-    q = np.array([x, y, z])
-    return np.array([v + 2 * np.cross(q, np.cross(q, v) + w * v) for v in np.eye(3)]).T
-
-
-def placed_one_by_one(file: Gltf) -> list[np.ndarray]:
-    """(3, 4) of each node, by recursion."""
-    nodes = file.json["nodes"]
-    found: dict[int, np.ndarray] = {}
-
-    def place(index: int, above: np.ndarray) -> None:
-        node = nodes[index]
-        local = np.eye(4)
-        if "matrix" in node:
-            local = np.array(node["matrix"]).reshape(4, 4).T
-        else:
-            turn = quaternion_matrix(*node.get("rotation", [0, 0, 0, 1]))
-            local[:3, :3] = turn @ np.diag(node.get("scale", [1, 1, 1]))
-            local[:3, 3] = node.get("translation", [0, 0, 0])
 def draco_file(ids: dict[str, int], packed: bytes, **attributes: int) -> Gltf:
     """A file of one Draco mesh. attributes: accessors, beside that of POSITION."""
     file = Gltf()
@@ -646,6 +646,54 @@ def test_whole_numbers_in_draco_data_are_shares_if_the_accessor_says_so(
     assert found[0, 0] == u
 
 
+def tree(count: int, seed: int) -> Gltf:
+    """Nodes below each other in any order, half of them by a matrix, a tenth mirrored; each shows a triangle."""
+    draw = np.random.default_rng(seed)
+    file = Gltf()
+    mesh = file.mesh()
+    below: list[list[int]] = [[] for _ in range(count)]
+    order = draw.permutation(count)
+    for i in range(1, count):
+        if draw.random() < 0.9:
+            below[order[draw.integers(0, i)]].append(int(order[i]))
+    for children in below:
+        fields: dict[str, Any] = {"mesh": mesh} | ({"children": children} if children else {})
+        if draw.random() < 0.5:
+            matrix = np.eye(4)
+            matrix[:3] = np.c_[draw.normal(size=(3, 3)), draw.normal(size=3)]
+            fields["matrix"] = matrix.T.ravel().tolist()
+        else:
+            turn = draw.normal(size=4)
+            parts = {
+                "translation": draw.normal(size=3),
+                "rotation": turn / np.linalg.norm(turn),
+                "scale": draw.uniform(0.5, 1.5, 3) * (1 if draw.random() < 0.8 else [-1, 1, 1]),
+            }
+            fields |= {name: value.tolist() for name, value in parts.items() if draw.random() < 0.7}
+        file.node(**fields)
+    return file
+
+
+def quaternion_matrix(x: float, y: float, z: float, w: float) -> np.ndarray:
+    """By turning each axis: q v q*, written out with cross products."""
+    q = np.array([x, y, z])
+    return np.array([v + 2 * np.cross(q, np.cross(q, v) + w * v) for v in np.eye(3)]).T
+
+
+def placed_one_by_one(file: Gltf) -> list[np.ndarray]:
+    """(3, 4) of each node, by recursion."""
+    nodes = file.json["nodes"]
+    found: dict[int, np.ndarray] = {}
+
+    def place(index: int, above: np.ndarray) -> None:
+        node = nodes[index]
+        local = np.eye(4)
+        if "matrix" in node:
+            local = np.array(node["matrix"]).reshape(4, 4).T
+        else:
+            turn = quaternion_matrix(*node.get("rotation", [0, 0, 0, 1]))
+            local[:3, :3] = turn @ np.diag(node.get("scale", [1, 1, 1]))
+            local[:3, 3] = node.get("translation", [0, 0, 0])
         found[index] = above @ local
         for child in node.get("children", []):
             place(child, found[index])
