@@ -247,7 +247,8 @@ def _camera(document: Document, nodes: Nodes, index: int, paths: NodePaths | Non
     if found is None or paths is None or paths.of(index) is None:
         return found
     others = [camera_of(document, table, world[index]) for world in paths.world]
-    return found.through(paths.times, [each for each in others if each is not None])
+    times = paths.times[[each is not None for each in others]]  # the others are scaled to nothing
+    return found.through(times, [each for each in others if each is not None])
 
 
 def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: Document) -> ModelCamera | None:

@@ -581,3 +581,44 @@ def test_a_camera_is_chosen_by_name_or_number(tmp_path: Path) -> None:
     for wanted in ("other", 3, -1):
         with pytest.raises(UsageError, match="narrow"):
             read(two_cameras(), tmp_path, camera=wanted)
+@pytest.mark.parametrize(("kind", "count"), [("point", 1), ("spot", 0), ("directional", 0)])
+def test_a_light_that_is_scaled_to_nothing_needs_no_direction_or_is_left_out(
+    kind: str, count: int, tmp_path: Path
+) -> None:
+    file = lamp(type=kind)
+    file.json["nodes"][0]["scale"] = [0, 0, 0]
+    model = read(file, tmp_path)
+    assert len(model.lights) == count
+    assert any("scaled to nothing" in note for note in model.notes) == (not count)
+
+
+def test_a_camera_that_is_scaled_to_nothing_is_left_out(tmp_path: Path) -> None:
+    file = two_cameras()
+    file.json["nodes"][0]["scale"] = [0, 0, 0]
+    model = read(file, tmp_path)
+    assert [camera.name for camera in model.cameras] == ["narrow", "camera-2"]
+    assert any("Cameras" in note for note in model.notes)
+    with pytest.raises(UsageError, match="narrow"):
+        read(file, tmp_path, camera="wide")
+
+
+def test_a_camera_that_shrinks_to_nothing_has_the_poses_before(tmp_path: Path) -> None:
+    file = two_cameras()
+    sampler = {"input": file.accessor([0.0, 1.0]), "output": file.accessor([[1, 1, 1], [0, 0, 0]])}
+    channels = [
+        {"sampler": i, "target": {"node": 0, "path": path}} for i, path in enumerate(("scale", "translation"))
+    ]
+    moved = {"input": sampler["input"], "output": file.accessor([[0, 0, 0], [16, 0, 0]])}
+    file.add("animations", samplers=[sampler, moved], channels=channels)
+    motion = read(file, tmp_path, time=0.0, shutter=1.0).cameras[0].motion
+    assert [key.time for key in motion] == (np.arange(16) / 16).tolist()
+    np.testing.assert_allclose([key.position[0] for key in motion], np.arange(16))
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_mirrored_camera_is_noted(mirrored: bool, tmp_path: Path) -> None:
+    file = two_cameras()
+    file.json["nodes"][0]["scale"] = [-1 if mirrored else 1, 1, 1]
+    assert any("mirror" in note for note in read(file, tmp_path).notes) == mirrored
+
+
