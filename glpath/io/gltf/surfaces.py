@@ -11,7 +11,7 @@ Source: glTF 2.0, 3.8, 3.9 and appendix B; the KHR_materials extensions; KHR_tex
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -31,6 +31,8 @@ _WRAPS: dict[Any, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _FILTERS: dict[Any, Literal["linear", "nearest"]] = {9728: "nearest", 9729: "linear"}
 _ALPHA: dict[Any, Literal["opaque", "mask", "blend"]] = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
 _STRENGTH = "KHR_materials_emissive_strength"
+#: Entry that `glpath export` adds to the extras of a file, or of a material, if one-sided backs are black.
+BLACK_BACKS = {"backs": "black"}
 # Number of pixels that are converted at once.
 _STRIP_PIXELS = 1 << 18
 # Material with defaults; its fields are numbers, or arrays for colours.
@@ -41,11 +43,13 @@ _PLAIN = Material("plain", np.ones(3))
 class Surface:
     """Material and its emission; in glpath the emission belongs to the shape.
 
-    emission : (3,) radiance W sr^-1 m^-2, of both sides if the material is two-sided
+    emission    : (3,) radiance W sr^-1 m^-2, of both sides if the material is two-sided
+    black_backs : True if `glpath export` wrote the material for black backs
     """
 
     material: Material
     emission: Float64
+    black_backs: bool = False
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,7 @@ class Surfaces:
             if name in self._names:
                 name = f"{name}-{index}"
             self._names.add(name)
-            self.surfaces.append(self._surface(table, name))
+            self.surfaces.append(replace(self._surface(table, name), black_backs=has_black_backs(table)))
             self._numbers[index] = len(self.surfaces) - 1
         return self._numbers[index]
 
@@ -388,6 +392,12 @@ def _nearest(image: NDArray[Any], rows: range, height: int, width: int) -> NDArr
 
 
 def _linear(image: NDArray[Any]) -> Float64:
+def has_black_backs(table: Table) -> bool:
+    """Return True if the extras of a file or a material say that `glpath export` wrote it for black backs."""
+    extras = table.values.get("extras")  # extras may have any type
+    return isinstance(extras, dict) and extras.items() >= BLACK_BACKS.items()
+
+
     """Return an sRGB image as linear numbers in [0, 1]."""
     stored = image / np.float64(np.iinfo(image.dtype).max)
     stored[..., :3] = decode_srgb(stored[..., :3])

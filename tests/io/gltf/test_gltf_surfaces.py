@@ -440,6 +440,11 @@ def test_one_image_for_colour_and_for_numbers_is_two_textures_of_the_same_pixels
     ("kind", "options"), [("PNG", {}), ("WEBP", {"lossless": True}), ("JPEG", {"quality": 95})]
 )
 def test_images_of_each_format(tmp_path: Path, kind: str, options: dict[str, Any]) -> None:
+def test_backs_of_a_material_that_were_black_are_kept(tmp_path: Path) -> None:
+    file = Gltf().one_triangle(extras={"backs": "black"}).one_triangle()
+    assert [material.culled for material in read(file, tmp_path).materials] == [False, True]
+
+
     pixels = np.repeat(np.repeat(FOUR, 8, axis=0), 8, axis=1)
     (tmp_path / "a b.img").write_bytes(encoded(pixels, kind, **options))
     file = Gltf()
