@@ -117,11 +117,11 @@ class Surfaces:
             )
         if "occlusionTexture" in table:
             self.document.notes.add("Occlusion textures: what they stand for is computed.")
-        common["roughness"] = self._share(pbr, "roughnessFactor", 1.0)
         glossy = table.extension("KHR_materials_pbrSpecularGlossiness")
         if glossy is not None:
             return self._specular_glossiness(table, glossy, common)
         metallic, layers = self._share(pbr, "metallicFactor", 1.0), self._layers(table)
+        common["roughness"] = self._share(pbr, "roughnessFactor", 1.0)
         if _is_diffuse(metallic, layers):
             common["roughness"] = None
         else:
@@ -180,7 +180,8 @@ class Surfaces:
             return None
         if (first.wrap, first.uv_set) != (second.wrap, second.uv_set) or np.any(first.matrix != second.matrix):
             return None
-        key = ("glossiness", first.source, second.source, *diffuse, *specular, gloss, "diffuseTexture" in glossy)
+        lookup = first.source, second.source, first.wrap, first.filter
+        key = ("glossiness", *lookup, *diffuse, *specular, gloss, "diffuseTexture" in glossy)
         if key not in self._texture_numbers:
             pictures = [read_image(self.document, source) for source in (first.source, second.source)]
             height, width = (max(each.shape[axis] for each in pictures) for axis in (0, 1))
@@ -306,7 +307,7 @@ class Surfaces:
         return None if found is None else TextureSlot(self._texture(found, srgb), found.uv_set, found.matrix)
 
     def _look_up(self, owner: Table, name: str) -> _LookUp | None:
-        """Return the image and the lookup of a texture; None if its coordinates or its image are missing."""
+        """Return the image and the lookup of a texture; None if its coordinates or a readable image are missing."""
         info = owner.table(name)
         textures = self.document.all("textures")
         texture = textures[info.required_index("index", textures, "textures")]

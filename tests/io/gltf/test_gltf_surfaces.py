@@ -233,6 +233,31 @@ def test_textures_of_specular_glossiness_become_metal_and_roughness(tmp_path: Pa
     assert not any("Texture:" in note for note in model.notes)
 
 
+def test_the_other_model_beside_specular_glossiness_has_no_effect(tmp_path: Path) -> None:
+    """The glossiness texture alone sets the roughness; the core material is for other readers."""
+    file = Gltf()
+    shiny = {"index": file.texture([[[255, 255, 255, 128]]])}
+    other = {"roughnessFactor": 0.5, "metallicFactor": 0.25}
+    table = {"specularGlossinessTexture": shiny}
+    file.one_triangle(pbrMetallicRoughness=other, **extended("KHR_materials_pbrSpecularGlossiness", **table))
+    (material,) = read(file, tmp_path).materials
+    assert (material.roughness, material.metallic) == (1, 1)
+
+
+def test_specular_glossiness_keeps_the_sampler_of_each_material(tmp_path: Path) -> None:
+    file = Gltf()
+    image = file.image([[[255, 255, 255, 128]]])
+    for sampler in ({"wrapS": 33071}, {"wrapS": 33648, "magFilter": 9728}):
+        number = file.add("textures", source=image, sampler=file.add("samplers", **sampler))
+        table = {"specularGlossinessTexture": {"index": number}}
+        file.one_triangle(**extended("KHR_materials_pbrSpecularGlossiness", **table))
+    model = read(file, tmp_path)
+    slots = [material.surface_texture for material in model.materials]
+    textures = [model.textures[slot.texture] for slot in slots if slot is not None]
+    found = [(texture.wrap[0], texture.filter) for texture in textures]
+    assert found == [("clamp", "linear"), ("mirror", "nearest")]
+
+
 def test_specular_glossiness_is_converted_alike_in_strips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(5)
     found = []
