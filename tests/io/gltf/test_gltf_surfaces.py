@@ -340,6 +340,55 @@ def test_what_is_not_used_is_noted_once(tmp_path: Path) -> None:
     assert [note for note in notes if "ACME" in note] == ["The extensions ACME_dust, ACME_glitter."]
 
 
+@pytest.mark.parametrize(("transmission", "noted"), [(0, True), (1, False)])
+def test_attenuation_of_what_is_no_glass_is_noted(transmission: float, noted: bool, tmp_path: Path) -> None:
+    extensions = {
+        "KHR_materials_diffuse_transmission": {"diffuseTransmissionFactor": 0.5},
+        "KHR_materials_transmission": {"transmissionFactor": transmission},
+        "KHR_materials_volume": {"thicknessFactor": 1, "attenuationDistance": 1, "attenuationColor": [1, 0.5, 0.5]},
+    }
+    _, model = the_material(tmp_path, extensions=extensions)
+    assert any("ttenuation" in note for note in model.notes) == noted
+
+
+def test_a_thickness_texture_is_nothing_lost(tmp_path: Path) -> None:
+    """It is for readers that do not trace rays through the solid."""
+    file = Gltf()
+    volume = {"thicknessFactor": 1, "thicknessTexture": {"index": file.texture(FOUR)}}
+    file.one_triangle(extensions={"KHR_materials_volume": volume})
+    assert read(file, tmp_path).notes == ()
+
+
+DDS = b"DDS " + bytes(124)
+AVIF = b"\0\0\0\x20ftypavif" + bytes(20)
+
+
+@pytest.mark.parametrize("data", [None, DDS, AVIF])
+def test_a_texture_without_an_image_that_can_be_read_is_left_out(data: bytes | None, tmp_path: Path) -> None:
+    file = Gltf()
+    texture: dict[str, Any] = {"extensions": {"EXT_texture_avif": {"source": 0}}}
+    if data is not None:
+        texture = {"source": file.add("images", bufferView=file.view(data), mimeType="image/png")}
+    info = {"index": file.add("textures", **texture)}
+    shiny = extended("KHR_materials_pbrSpecularGlossiness", specularGlossinessTexture=info, glossinessFactor=0.75)
+    file.one_triangle(pbrMetallicRoughness={"baseColorTexture": info, "baseColorFactor": [1, 0, 0, 1]})
+    file.one_triangle(**shiny)
+    file.one_triangle(emissiveTexture=info, emissiveFactor=[1, 1, 1])
+    model = read(file, tmp_path)
+    red, older, _ = model.materials
+    assert not any(material.slots for material in model.materials)
+    assert (red.reflectance.tolist(), older.roughness) == ([1, 0, 0], 0.25)
+    assert not any(np.any(shape.emission) for shape in model.shapes)
+    (note,) = [note for note in model.notes if note.startswith("Textures ")]
+    assert "PNG" in note
+
+
+def test_extensions_that_change_no_image_may_be_required(tmp_path: Path) -> None:
+    file = Gltf().one_triangle()
+    file.json["extensionsRequired"] = ["KHR_xmp_json_ld", "EXT_mesh_features", "EXT_structural_metadata"]
+    assert read(file, tmp_path).notes == ()
+
+
 def test_open_meshes_that_are_not_double_sided_have_no_backs(tmp_path: Path) -> None:
     for both in (True, False):
         material, _ = the_material(tmp_path, doubleSided=both)
@@ -389,6 +438,11 @@ def test_backs_that_were_black_are_kept(extras: Any, black: bool, tmp_path: Path
     file = Gltf().one_triangle(doubleSided=False)
     file.json["extras"] = extras
     assert read(file, tmp_path).materials[0].culled != black
+
+
+def test_backs_of_a_material_that_were_black_are_kept(tmp_path: Path) -> None:
+    file = Gltf().one_triangle(extras={"backs": "black"}).one_triangle()
+    assert [material.culled for material in read(file, tmp_path).materials] == [False, True]
 
 
 def test_the_first_row_of_an_image_is_at_the_top_and_so_is_v_of_1(tmp_path: Path) -> None:
@@ -465,11 +519,6 @@ def test_one_image_for_colour_and_for_numbers_is_two_textures_of_the_same_pixels
     ("kind", "options"), [("PNG", {}), ("WEBP", {"lossless": True}), ("JPEG", {"quality": 95})]
 )
 def test_images_of_each_format(tmp_path: Path, kind: str, options: dict[str, Any]) -> None:
-def test_backs_of_a_material_that_were_black_are_kept(tmp_path: Path) -> None:
-    file = Gltf().one_triangle(extras={"backs": "black"}).one_triangle()
-    assert [material.culled for material in read(file, tmp_path).materials] == [False, True]
-
-
     pixels = np.repeat(np.repeat(FOUR, 8, axis=0), 8, axis=1)
     (tmp_path / "a b.img").write_bytes(encoded(pixels, kind, **options))
     file = Gltf()
@@ -580,37 +629,6 @@ def test_the_range_of_a_light_is_noted(tmp_path: Path) -> None:
     assert any("range" in note for note in read(lamp(type="point", range=3), tmp_path).notes)
 
 
-def two_cameras() -> Gltf:
-    file = Gltf()
-    for name, fov in (("wide", 1.2), ("narrow", 0.3)):
-        number = file.add("cameras", type="perspective", perspective={"yfov": fov, "znear": 0.1, "aspectRatio": 2})
-        file.node(name=name, camera=number, translation=[0, 1, 5], scale=[3, 3, 3])
-    file.node(
-        camera=file.add("cameras", type="orthographic", orthographic={"xmag": 3, "ymag": 2, "zfar": 1, "znear": 0})
-    )
-    return file
-
-
-def test_cameras_look_along_minus_z_with_y_up(tmp_path: Path) -> None:
-    model = read(two_cameras(), tmp_path)
-    first, second, parallel = model.cameras
-    assert model.camera is first
-    np.testing.assert_allclose(first.position, [0, 1, 5])
-    np.testing.assert_allclose(first.target, [0, 1, 4])
-    np.testing.assert_allclose(first.up, [0, 1, 0])
-    assert (first.fov, first.aspect) == (pytest.approx(np.degrees(1.2)), 2)
-    assert second.fov == pytest.approx(np.degrees(0.3))
-    assert (parallel.projection, parallel.height, parallel.aspect) == ("orthographic", 4, 1.5)
-
-
-def test_a_camera_is_chosen_by_name_or_number(tmp_path: Path) -> None:
-    for wanted in ("narrow", 1):
-        camera = read(two_cameras(), tmp_path, camera=wanted).camera
-        assert camera is not None
-        assert camera.name == "narrow"
-    for wanted in ("other", 3, -1):
-        with pytest.raises(UsageError, match="narrow"):
-            read(two_cameras(), tmp_path, camera=wanted)
 @pytest.mark.parametrize(("kind", "count"), [("point", 1), ("spot", 0), ("directional", 0)])
 def test_a_light_that_is_scaled_to_nothing_needs_no_direction_or_is_left_out(
     kind: str, count: int, tmp_path: Path
@@ -652,3 +670,34 @@ def test_a_mirrored_camera_is_noted(mirrored: bool, tmp_path: Path) -> None:
     assert any("mirror" in note for note in read(file, tmp_path).notes) == mirrored
 
 
+def two_cameras() -> Gltf:
+    file = Gltf()
+    for name, fov in (("wide", 1.2), ("narrow", 0.3)):
+        number = file.add("cameras", type="perspective", perspective={"yfov": fov, "znear": 0.1, "aspectRatio": 2})
+        file.node(name=name, camera=number, translation=[0, 1, 5], scale=[3, 3, 3])
+    file.node(
+        camera=file.add("cameras", type="orthographic", orthographic={"xmag": 3, "ymag": 2, "zfar": 1, "znear": 0})
+    )
+    return file
+
+
+def test_cameras_look_along_minus_z_with_y_up(tmp_path: Path) -> None:
+    model = read(two_cameras(), tmp_path)
+    first, second, parallel = model.cameras
+    assert model.camera is first
+    np.testing.assert_allclose(first.position, [0, 1, 5])
+    np.testing.assert_allclose(first.target, [0, 1, 4])
+    np.testing.assert_allclose(first.up, [0, 1, 0])
+    assert (first.fov, first.aspect) == (pytest.approx(np.degrees(1.2)), 2)
+    assert second.fov == pytest.approx(np.degrees(0.3))
+    assert (parallel.projection, parallel.height, parallel.aspect) == ("orthographic", 4, 1.5)
+
+
+def test_a_camera_is_chosen_by_name_or_number(tmp_path: Path) -> None:
+    for wanted in ("narrow", 1):
+        camera = read(two_cameras(), tmp_path, camera=wanted).camera
+        assert camera is not None
+        assert camera.name == "narrow"
+    for wanted in ("other", 3, -1):
+        with pytest.raises(UsageError, match="narrow"):
+            read(two_cameras(), tmp_path, camera=wanted)
