@@ -179,7 +179,8 @@ class Primitives:
         if position is not None and "bufferView" in every[position]:
             return None
         view = extension.required_index("bufferView", document.all("bufferViews"), "buffer views")
-        data, ids, found = document.view(view), extension.table("attributes"), {}
+        data, ids = document.view(view), extension.table("attributes")
+        found: dict[str, NDArray[Any]] = {}
         max_faces, max_points = compression.draco_counts(data, extension.location)
         max_bytes = _DRACO_FACE * max_faces + _DRACO_VECTOR * max(1, len(ids.values)) * max_points
         document.take(max_bytes, extension.location)
@@ -204,11 +205,9 @@ class Primitives:
                 values = self.accessors.repaired(name, values)
             if values.ndim != 2 or values.shape[1] not in widths or not np.isfinite(values).all():
                 raise location.error(f"has Draco data of shape {values.shape}, or numbers that are not finite.")
-            if name.startswith("JOINTS_"):
-                if np.any(values < 0):
-                    raise location.error(f"has Draco data with the joint {values.min():g}, but the first is 0.")
-                values = values.astype(np.int64)
-            found[name] = values
+            if name.startswith("JOINTS_") and np.any(values < 0):
+                raise location.error(f"has Draco data with the joint {values.min():g}, but the first is 0.")
+            found[name] = values.astype(np.int64) if name.startswith("JOINTS_") else values
         return {**found, "faces": faces}
 
     def _faces(self, primitive: Table, mode: str, count: int) -> NDArray[np.int64]:
