@@ -65,6 +65,14 @@ def _rough(material: Material) -> bool:
     return material.roughness is not None
 
 
+def _has_specular_glass(material: Material) -> bool:
+    if material.transmission == 0 or material.thin or material.layering != "gltf":
+        return False
+    if material.specular_weight != 1 or np.any(material.specular_colour != 1):
+        return True
+    return material.specular_texture is not None or material.specular_colour_texture is not None
+
+
 def _is_plastic(material: Material) -> bool:
     if material.layering != "plastic":
         return False
@@ -89,6 +97,9 @@ MATERIAL_VARIANTS = {
     ),
     "HAS_COAT": MaterialVariant("a rough material has a clearcoat", lambda m: _rough(m) and m.clearcoat > 0),
     "HAS_GLASS": MaterialVariant("a rough material transmits", lambda m: _rough(m) and m.transmission > 0),
+    "HAS_GLASS_SPECULAR": MaterialVariant(
+        "and is a solid whose reflection has a factor", lambda m: _rough(m) and _has_specular_glass(m)
+    ),
     "HAS_SLABS": MaterialVariant("and reflects at both faces of a slab", lambda m: _rough(m) and m.is_slab),
     "HAS_ROUGH_TRANSMISSION": MaterialVariant(
         "and scatters what it transmits", lambda m: _rough(m) and m.transmission > 0 and not m.is_smooth

@@ -210,7 +210,8 @@ class Material:
     metallic         : fraction of metal in [0, 1]
     anisotropy       : number in [0, 1]; its square mixes alpha along the tangent towards 1
                        [KHR_materials_anisotropy]
-    anisotropy_angle : degrees, from the direction in which u grows towards that in which v grows
+    anisotropy_angle : degrees, from the direction in which u grows towards that in which v grows; u and v are those
+                       of the normal texture, else of the anisotropy texture, else the first texture coordinates
     ior              : index of refraction of a dielectric, >= 1
     specular_weight  : factor in [0, 1] of the dielectric's reflection at all angles; specular_colour (3,)
                        multiplies its reflection at normal incidence only

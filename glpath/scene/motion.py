@@ -20,6 +20,9 @@ from glpath.system.arguments import checked_fields
 
 Float64 = NDArray[np.float64]
 
+# Minimum ratio of the shortest to the longest axis of a map's ellipsoid; a flatter map has no rotation.
+_FLAT = 1e-7
+
 
 @checked_fields
 @dataclass(frozen=True, eq=False)
@@ -27,7 +30,7 @@ class Motion:
     """Motion of a shape's instances: the affine map of the motion is applied after the maps `placed`.
 
     times  : (K,) float64 in seconds, increasing; the pose is constant before the first and after the last
-    maps   : (K, 3, 4) float64, affine, last column the translation; none of them mirrors or flattens
+    maps   : (K, 3, 4) float64, affine, last column the translation
     placed : (N, 3, 4) float64, map of each instance that is applied before the motion
     """
 
@@ -71,6 +74,15 @@ class Motion:
         u, sizes, v = np.linalg.svd(self.maps[:, :, :3])
         rotations = u @ v
         stretches = np.swapaxes(v, 1, 2) @ (sizes[:, :, None] * v)
+        # A flat map has no unique rotation, and no rotation leads to a mirrored map. Such a key takes the rotation
+        # of the regular key before it, or of the first regular key; its stretch is then not symmetric.
+        regular, handedness = sizes[:, 2] > _FLAT * sizes[:, 0], np.linalg.det(rotations)
+        first = int(np.argmax(regular))
+        regular &= handedness * handedness[first] > 0
+        if regular.any() and not regular.all():
+            before = np.maximum.accumulate(np.where(regular, np.arange(len(regular)), first))[~regular]
+            rotations[~regular] = rotations[before]
+            stretches[~regular] = np.swapaxes(rotations[before], 1, 2) @ self.maps[~regular, :, :3]
         turns = [_turn(b @ a.T) for a, b in pairwise(rotations)]
         return rotations, stretches, np.array(turns).reshape(-1, 3)
 

@@ -2,8 +2,8 @@
 // mirroring lobes: microfacets, a clearcoat, a mirror. Each lobe is evaluated and sampled separately.
 // Needs:  constants.py (PI, LAYERING_GLTF and the other layerings)
 //         HAS_HIGHLIGHTS, HAS_MIRRORS, HAS_MICROFACETS, HAS_COAT, HAS_COAT_NORMALS, HAS_IRIDESCENCE, HAS_SHEEN, HAS_GLASS,
-//         HAS_ROUGH_TRANSMISSION, HAS_DIFFUSE_TRANSMISSION, HAS_MULTIPLE_SCATTERING, HAS_FRESNEL, HAS_PLASTIC, HAS_DISNEY,
-//         HAS_BECKMANN, HAS_METAL_INDICES: defined if materials have the feature
+//         HAS_GLASS_SPECULAR, HAS_ROUGH_TRANSMISSION, HAS_DIFFUSE_TRANSMISSION, HAS_MULTIPLE_SCATTERING, HAS_FRESNEL,
+//         HAS_PLASTIC, HAS_DISNEY, HAS_BECKMANN, HAS_METAL_INDICES: defined if materials have the feature
 // Frame:  world; wo and wi are unit and point away from the surface; `n` is unit and on wo's side.
 // Units:  a BRDF is relative to that of a white Lambertian surface, 1 / pi.
 // Source: glTF 2.0, appendix B, and its extensions for the clearcoat (clearcoat), glass (transmission, volume) and the strength
@@ -190,7 +190,16 @@ vec3 dielectric_reflects(Bsdf b, float cosine)
     // inside.
     if (b.eta > 0.0) {
         vec3 plain = vec3(fresnel(cosine, b.eta));
+#ifdef HAS_GLASS_SPECULAR
+        // From b.dielectric to b.grazing, as Fresnel's equations go from their value at normal incidence to 1. Total
+        // internal reflection stays total, because there is no direction for the rest.
+        float root = (b.eta - 1.0) / (b.eta + 1.0), normal = root * root;
+        if (b.eta > 1.0 || plain.r < 1.0)
+            plain = max(b.dielectric + (b.grazing - b.dielectric) * ((plain.r - normal) / (1.0 - normal)), vec3(0.0));
+        return b.eta > 1.0 ? under_film(b, cosine, plain, b.grazing, b.dielectric) : plain;
+#else
         return b.eta > 1.0 ? under_film(b, cosine, plain, 1.0, b.dielectric) : plain;
+#endif
     }
 #endif
 #ifdef HAS_SLABS

@@ -35,7 +35,9 @@ struct Surface
     vec2 uv;
     vec2 uv1;      // second texture coordinates
 #ifdef HAS_ANISOTROPY
-    vec3 along_u;  // unit, in the triangle's plane, towards growing u; along_v: perpendicular, towards growing v; 0 if uv is constant
+    // Unit vector in the triangle's plane towards growing u of the normal map, else of the anisotropy texture, else of the first
+    // texture coordinates; along_v: perpendicular, towards growing v. Both are 0 if the coordinates are constant.
+    vec3 along_u;
     vec3 along_v;
 #endif
     vec4 colour;   // colour of the vertices, linear Rec. 709, and alpha
@@ -130,6 +132,20 @@ void interpolate(inout Surface s, uvec4 face, vec3 weight, vec3 ab, vec3 ac)
 #endif
 #ifdef HAS_ANISOTROPY
     vec2 q = uv_b.xy - uv_a.xy, r = uv_c.xy - uv_a.xy;
+#if defined(HAS_ANISOTROPY_TEXTURES) || defined(HAS_NORMAL_MAPS)
+    int tangent_slot = -1;
+#ifdef HAS_ANISOTROPY_TEXTURES
+    tangent_slot = int(slots_texel(s.material, SLOTS_COAT).w) - 1;
+#endif
+#ifdef HAS_NORMAL_MAPS
+    if (normal_slot(s.material) >= 0) tangent_slot = normal_slot(s.material);
+#endif
+    if (tangent_slot >= 0) {
+        vec2 uv_first = slot_uv(tangent_slot, uv_a.xy, uv_a.zw);
+        q = slot_uv(tangent_slot, uv_b.xy, uv_b.zw) - uv_first;
+        r = slot_uv(tangent_slot, uv_c.xy, uv_c.zw) - uv_first;
+    }
+#endif
     float side = q.x * r.y - q.y * r.x < 0.0 ? -1.0 : 1.0;
     vec3 along = side * (r.y * ab - q.y * ac);
     if (dot(along, along) > 0.0) {

@@ -22,6 +22,7 @@ import glpath
 import glpath.gl.program as program
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
+from glpath.gl.material_texels import material_variants
 from glpath.gl.passes import Pass
 from glpath.scene import path_traceable
 from glpath.scene.model import Float64, Material
@@ -250,6 +251,33 @@ def test_smooth_surfaces_of_fresnels_equations_in_a_furnace(cosine: float) -> No
     ):
         found = glpath.render(plane_under_the_sky(material, cosine), spp=256, max_depth=4).mean.mean(axis=(0, 1))
         np.testing.assert_allclose(found, expected, rtol=0.005)
+
+
+@pytest.mark.parametrize("front", [True, False])
+@pytest.mark.parametrize(("weight", "colour"), [(1.0, 1.0), (0.3, 1.0), (0.6, 3.0), (0.0, 1.0)])
+def test_solid_glass_reflects_by_its_weight_and_colour(
+    probe: program.Program, weight: float, colour: float, front: bool
+) -> None:
+    """KHR_materials_specular: 4 % times both at normal incidence, the weight at grazing; between them by Fresnel.
+
+    Beyond the critical angle all light is reflected.
+    """
+    tint = np.full(3, colour)
+    glass = Material(
+        "m", WHITE, roughness=0.0, transmission=1.0, thin=False, specular_weight=weight, specular_colour=tint
+    )
+    cosine = np.array([1.0, 0.8, 0.5, 0.1])
+    wo = np.stack([np.sqrt(1 - cosine**2), 0 * cosine, cosine], axis=1)
+    found = evaluate(probe, as_shaded(replace(glass, multiple_scattering=False), front), wo, wo)["mirrored"][:, 0]
+    F = fresnel(cosine, 1.5 if front else 1 / 1.5)
+    expected = weight * (0.04 * colour + (1 - 0.04 * colour) * (F - 0.04) / 0.96)
+    np.testing.assert_allclose(found, np.where(F < 1 - 1e-9, expected, 1.0), rtol=1e-4, atol=1e-6)
+
+
+def test_only_solid_glass_with_a_factor_has_the_shader_for_it() -> None:
+    glass = Material("m", WHITE, roughness=0.0, transmission=1.0, thin=False)
+    variants = (glass, replace(glass, thin=True, specular_weight=0.5), replace(glass, specular_weight=0.5))
+    assert [material_variants([m])["HAS_GLASS_SPECULAR"] for m in variants] == [False, False, True]
 
 
 WHITES: dict[str, dict[str, Any]] = {

@@ -562,6 +562,17 @@ def test_every_material_is_read_back_as_it_was(tmp_path: Path) -> None:
     assert model.textures[found["textured"].surface_texture.texture].filter == "nearest"
 
 
+def test_black_backs_beside_a_culled_material_stay_black(tmp_path: Path) -> None:
+    mesh = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32))
+    black, culled = (
+        Material(name, np.ones(3), two_sided=False, culled=name == "culled") for name in ("black", "culled")
+    )
+    shapes = [Shape(m.name, mesh, i, np.eye(3, 4)[None]) for i, m in enumerate((black, culled))]
+    scene = replace(glpath.load_scene("furnace"), shapes=Shapes(shapes), materials=(black, culled))
+    found = {material.name: material.culled for material in read_back(scene, tmp_path).materials}
+    assert found == {"black": False, "culled": True}
+
+
 @pytest.mark.parametrize("integrator", ["path", "path-buffer"])
 def test_a_diffuse_scene_is_the_same_film_as_a_glb(integrator: str, tmp_path: Path) -> None:
     """Of coordinates that 32 bits hold: nothing between the scene and its file may change a bit of the light."""

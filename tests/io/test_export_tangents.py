@@ -86,6 +86,7 @@ def test_materials_want_tangents_that_a_reader_cannot_make() -> None:
     by_first = tangent_slot(brushed)
     assert by_first is not None
     assert by_first.uv_set == 0
+    assert tangent_slot(replace(brushed, anisotropy_texture=bump)) is bump
     for each in (coat, brushed):
         assert tangent_slot(replace(each, normal_texture=bump)) is None
     assert tangent_slot(Material("plain", np.ones(3), roughness=0.3)) is None

@@ -504,6 +504,14 @@ def test_a_model_has_profiles_turned_as_their_nodes_are(tmp_path: Path) -> None:
         np.testing.assert_allclose(light.profile.intensity(world, light.direction, light.c0), expected, rtol=1e-7)
 
 
+def test_a_lamp_that_is_scaled_to_a_plane_is_left_out(tmp_path: Path) -> None:
+    ies(tmp_path / "lamp.ies", GAMMA, C, web(C, GAMMA))
+    flat = ({"extensions": of(light=0), "scale": scale} for scale in ([0, 1, 1], [1, 1, 0], [1, 0, 1]))
+    model = read_gltf(lamps(*flat, profiles=[{"uri": "lamp.ies"}]).write(tmp_path))
+    assert [light.name for light in model.lights] == ["light-2"]
+    assert any("scaled to nothing" in note for note in model.notes)
+
+
 def test_mirrored_nodes_and_assets_mirror_and_turn_profiles(tmp_path: Path) -> None:
     """The intensity in a direction is the file's in the direction before the maps of node and asset."""
     ies(tmp_path / "lamp.ies", GAMMA, C, web(C, GAMMA))

@@ -118,6 +118,16 @@ def test_a_texture_of_one_colour_is_the_factor_it_multiplies(name: str) -> None:
     assert np.abs(seen(lit_square(untextured)) / expected - 1).max() > 0.02
 
 
+def test_a_brush_follows_the_coordinates_of_its_own_texture() -> None:
+    """Coordinates that a texture transform turns by 90 degrees turn the brush by as much."""
+    turned = TextureSlot(0, uv_transform=np.array([[0.0, 1, 0], [-1, 0, 0]]))
+    plain, texel, _ = FACTORS["the tangent"]
+    along = np.array([1.0, 0.5, texel[2]])
+    found = seen(lit_square(replace(plain, anisotropy_texture=turned), along), spp=16)
+    expected = seen(lit_square(replace(plain, anisotropy_angle=110.0), along), spp=16)
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
+
+
 def stored_normal(tilt: float) -> Float64:
     return np.array([0.5 + 0.5 * np.sin(tilt), 0.5, 0.5 + 0.5 * np.cos(tilt)])
 

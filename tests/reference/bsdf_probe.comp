@@ -7,6 +7,7 @@
 #define HAS_MICROFACETS 1
 #define HAS_COAT 1
 #define HAS_GLASS 1
+#define HAS_GLASS_SPECULAR 1
 #define HAS_ROUGH_TRANSMISSION 1
 #define HAS_ANISOTROPY 1
 #define HAS_SHEEN 1

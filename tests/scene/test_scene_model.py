@@ -74,6 +74,19 @@ def test_unused_vertices_are_dropped_with_their_attributes() -> None:
 # --- the digest ---
 
 
+@pytest.mark.parametrize("end", [0.0, -0.5])
+def test_an_object_that_shrinks_to_nothing_or_mirrors_does_not_spin(end: float) -> None:
+    """A key without a rotation of its own has the one before it: here, a quarter turn about z."""
+    quarter = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0]])
+    maps = np.stack([quarter, quarter * [end, end, end, 1], quarter])
+    motion = Motion(np.array([0.0, 1.0, 2.0]), maps, np.eye(3, 4)[None])
+    for time, size in ((0.5, 0.5 + 0.5 * end), (1.0, end), (1.75, 0.75 + 0.25 * end)):
+        np.testing.assert_allclose(motion.map_at(time), quarter * [size, size, size, 1], atol=1e-12)
+    start = Motion(motion.times, maps[[1, 0, 0]], motion.placed)
+    size = 0.5 + 0.5 * end
+    np.testing.assert_allclose(start.map_at(0.5), quarter * [size, size, size, 1], atol=1e-12)
+
+
 def everything() -> Scene:
     """A scene in which every field has something in it."""
     corners = np.arange(9.0).reshape(3, 3) ** 2

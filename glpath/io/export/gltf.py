@@ -32,7 +32,7 @@ from glpath.io.export.geometry import (
 from glpath.io.export.glb import Glb
 from glpath.io.export.gltf_surfaces import LightMap, Surfaces
 from glpath.io.export.tangents import tangent_slot, with_tangents
-from glpath.io.gltf.load import BLACK_BACKS
+from glpath.io.gltf.surfaces import BLACK_BACKS
 from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape
 from glpath.scene.model import Light, Scene
 
@@ -87,10 +87,10 @@ class _Writer:
         for what, present in (("the sky", self.scene.sky), ("ambient light", np.any(self.scene.ambient > 0))):
             if present:
                 self.notes.add(f"{what} is left out")
-        culled = {m.name for m in (self.scene.materials[s.material] for s in self.scene.shapes) if m.culled}
         if facets is not None:
             facets.add_to(self.file, self.scene.origin)
-        self.file.save(path, **({} if culled else BLACK_BACKS), **({} if facets is None else facets.legend))
+        backs = {} if self._surfaces.culls else BLACK_BACKS
+        self.file.save(path, **backs, **({} if facets is None else facets.legend))
         return self.notes.texts
 
     # Geometry

@@ -20,6 +20,7 @@ from glpath.io.export import gltf_json
 from glpath.io.export.geometry import Notes, map_downwards
 from glpath.io.export.glb import Glb
 from glpath.io.gltf.material_extensions import LAYERS
+from glpath.io.gltf.surfaces import BLACK_BACKS
 from glpath.scene.geometry import Float64, Shape
 from glpath.scene.material import Material, TextureSlot
 from glpath.scene.model import Scene
@@ -52,6 +53,8 @@ class Surfaces:
         self._names: set[str] = set()
         self._textures: dict[tuple[int, bool, bool], int] = {}
         self._light_textures: dict[int, int] = {}
+        #: True if a material of a shape is culled from behind, so that backs are not all black.
+        self.culls = any(scene.materials[shape.material].culled for shape in scene.shapes)
 
     def material(self, shape: Shape, light: LightMap | None) -> int:
         """Return the index of a shape's material, with its light map."""
@@ -79,6 +82,8 @@ class Surfaces:
 
     def _made(self, material: Material, emission: Float64, two_sided: bool) -> gltf_json.Material:
         made = gltf_json.Material(name=material.name, double_sided=two_sided, alpha_mode=material.alpha.upper())
+        if self.culls and not two_sided and not material.culled:
+            made.extras = BLACK_BACKS
         made.alpha_cutoff = material.cutoff if material.alpha == "mask" else None
         opacity = 1.0 if material.alpha == "opaque" else material.opacity
         if material.unlit:

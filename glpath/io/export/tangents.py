@@ -24,7 +24,7 @@ def tangent_slot(material: Material) -> TextureSlot | None:
         return None
     if material.clearcoat > 0 and material.clearcoat_normal_texture is not None:
         return material.clearcoat_normal_texture
-    return TextureSlot(0) if material.anisotropy > 0 else None
+    return (material.anisotropy_texture or TextureSlot(0)) if material.anisotropy > 0 else None
 
 
 def with_tangents(mesh: Mesh, slot: TextureSlot) -> tuple[Mesh, Float64]:

@@ -73,13 +73,13 @@ class Accessors:
         return values
 
     def keys(self, index: int, location: SourceLocation) -> Float64:
-        """Return the (N,) times of keyframes, which ascend. Raises SceneError if they do not."""
+        """Return the (N,) times of keyframes, which do not descend. Raises SceneError if they do."""
         times = self.floats(index, (1,), location)[:, 0]
         if index not in self._ascending:
-            early = np.diff(times) <= 0
+            early = np.diff(times) < 0
             if early.any():
                 raise location.item(int(np.argmax(early)) + 1).error(
-                    "is not after the key before it.", "Keys are in order."
+                    "is before the key before it.", "Keys are in order."
                 )
             self._ascending.add(index)
         return times

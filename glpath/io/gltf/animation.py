@@ -16,6 +16,7 @@ from glpath.errors import UsageError
 from glpath.io.gltf.accessors import Accessors
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.table import Table
+from glpath.io.values import LARGEST
 from glpath.scene.model import Float64
 from glpath.system.time_limit import check_time
 
@@ -66,7 +67,9 @@ def poses_at(
             if moved.setdefault((node, path), number) != number:
                 document.notes.add("Animations of a node that another animation moves as well: the later one does.")
             sampler = samplers[channel.required_index("sampler", samplers, "samplers")]
-            poses.setdefault(node, {})[path] = _value(sampler, path, accessors, time)
+            value = _value(sampler, path, accessors, time)
+            if value is not None:
+                poses.setdefault(node, {})[path] = value
     return poses
 
 
@@ -78,22 +81,30 @@ def shutter_times(
     Motion between the samples is nearly linear. At most `_MAX_KEYS` keyframes are used.
     """
     keys: dict[int, Float64] = {}  # by accessor, because samplers often share their times
+    after, before = max(opened, _in_single_precision(opened)), min(closed, _in_single_precision(closed))
     every = accessors.document.all("accessors")
     for _, animation in chosen:
         for sampler in animation.tables("samplers"):
             number, at = sampler.required_index("input", every, "accessors"), sampler.location.field("input")
             if number not in keys:
                 times = accessors.floats(number, (1,), at)[:, 0]
-                keys[number] = times[(times > opened) & (times < closed)][:_MAX_KEYS]
+                keys[number] = times[(times > after) & (times < before)][:_MAX_KEYS]
     inside = np.unique(np.concatenate([np.zeros(0), *keys.values()]))[:_MAX_KEYS]
     return np.union1d(np.linspace(opened, closed, _EVEN_TIMES), inside)
 
 
-def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Float64:
-    """Return the (k,) value of a sampler at a time."""
+def _in_single_precision(time: float) -> float:
+    """Return a time as files store it; a key at 0.1 s is 1.5e-9 s later than the double-precision 0.1."""
+    return float(np.float32(np.clip(time, -LARGEST, LARGEST)))
+
+
+def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Float64 | None:
+    """Return the (k,) value of a sampler at a time; None if it has no keys."""
     every = accessors.document.all("accessors")
     at = sampler.location.field("input")
     times = accessors.keys(sampler.required_index("input", every, "accessors"), at)
+    if not len(times):
+        return None
     location = sampler.location.field("output")
     values = accessors.floats(sampler.required_index("output", every, "accessors"), (_WIDTHS[path],), location)
     interpolation = sampler.choice("interpolation", _INTERPOLATIONS, "LINEAR")
@@ -105,13 +116,13 @@ def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Floa
             "Export the file anew.",
         )
     keys = values.reshape(len(times), parts, -1)
-    right = int(np.searchsorted(times, time, side="right"))
+    right = int(np.searchsorted(times, max(time, _in_single_precision(time)), side="right"))
     if right in (0, len(times)) or interpolation == "STEP":
         found = keys[max(right - 1, 0), 1 if parts == 3 else 0]
         return _unit(found) if path == "rotation" else found
     before, after = keys[right - 1], keys[right]
     step = times[right] - times[right - 1]
-    t = (time - times[right - 1]) / step
+    t = max((time - times[right - 1]) / step, 0.0)  # a key that is reached may be stored as slightly later
     if interpolation == "LINEAR":
         if path == "rotation":
             return slerp(_unit(before[0]), _unit(after[0]), t)

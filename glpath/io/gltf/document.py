@@ -63,6 +63,8 @@ UNUSED_EXTENSIONS = {
     "KHR_animation_pointer": "animations of other things than nodes",
     **UNUSED_MATERIALS,
 }
+# Extensions that change nothing in an image, so files that require them are read without a note.
+_WITHOUT_EFFECT = ("EXT_instance_features", "EXT_mesh_features", "EXT_structural_metadata", "KHR_xmp_json_ld")
 # URI scheme. It has at least two letters, because a single letter is a Windows drive.
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):")
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
@@ -331,16 +333,15 @@ def _check_version(root: Table) -> None:
 def _check_extensions(document: Document) -> None:
     root = document.root
     required, used = root.texts("extensionsRequired"), root.texts("extensionsUsed")
-    unknown = [name for name in required if name not in KNOWN_EXTENSIONS and name not in UNUSED_EXTENSIONS]
+    readable = {*KNOWN_EXTENSIONS, *UNUSED_EXTENSIONS, *_WITHOUT_EFFECT}
+    unknown = [name for name in required if name not in readable]
     if unknown:
         raise root.location.field("extensionsRequired").error(
             f"names {listed_names(map(printable, unknown))}, not known here.",
             "Export the file without it. Known: " + ", ".join(sorted(KNOWN_EXTENSIONS)) + ".",
         )
     names = dict.fromkeys([*used, *required])
-    others = sorted(
-        printable(name) for name in names if name not in KNOWN_EXTENSIONS and name not in UNUSED_EXTENSIONS
-    )
+    others = sorted(printable(name) for name in names if name not in readable)
     if others:
         document.notes.add(f"The extension{'s' * (len(others) > 1)} {listed_names(others)}.")
     for name in names:
@@ -355,6 +356,7 @@ def _data(uri: str, location: SourceLocation) -> bytes:
     try:
         if not head.lower().endswith(";base64"):
             return unquote_to_bytes(body)
-        return base64.b64decode(unquote_to_bytes(body) if "%" in body else body, validate=True)
+        content = b"".join((unquote_to_bytes(body) if "%" in body else body.encode("ascii")).split())
+        return base64.b64decode(content + b"=" * (-len(content) % 4), validate=True)
     except (binascii.Error, ValueError) as error:
         raise location.error(f"is a data: URI that is not base64: {error}.") from error

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.errors import SceneError
 from glpath.film.image import check_scans, webp_size
 from glpath.io.gltf import compression
 from glpath.io.gltf.document import Document
@@ -35,6 +36,15 @@ _OTHERS = {
 }
 
 
+class UnknownFormatError(SceneError):
+    """Error for an image of a format that is not read.
+
+    found : what the image is, and what it must be
+    """
+
+    found = ""
+
+
 def read_image(document: Document, index: int) -> NDArray[Any]:
     """Return the (h, w, 3) or, with alpha, (h, w, 4) uint8 pixels, row 0 at the top; uint16 for 16-bit grey images.
 
@@ -52,10 +62,10 @@ def _read_image(document: Document, table: Table) -> NDArray[Any]:
     kind = _format(data)
     if kind is None:
         found = next((name for magic, name in _OTHERS.items() if data.startswith(magic)), "of no format known here")
-        raise table.location.error(
-            f"is {found}, but must be PNG, JPEG, WebP, BMP, GIF, TIFF or KTX 2.",
-            "Convert it, and export the file anew.",
-        )
+        text = f"is {found}, but must be PNG, JPEG, WebP, BMP, GIF, TIFF or KTX 2"
+        error = UnknownFormatError(f"{table.location} {text}.", "Convert it, and export the file anew.")
+        error.found = text
+        raise error
     try:
         width, height, channels = _size(data, kind)
     except Exception as error:  # Pillow's parsers raise all kinds of exceptions

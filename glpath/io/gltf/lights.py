@@ -23,6 +23,7 @@ from glpath.scene.model import Float64, Light, LightKind
 
 _KINDS: dict[str, LightKind] = {"point": "point", "spot": "spot", "directional": "directional"}
 _PROJECTIONS = {"perspective": True, "orthographic": False}
+_SCALED_LIGHTS = "Lights of nodes that are scaled to nothing, except point lights: they have no direction."
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ def _looks_alike(a: ModelCamera, b: ModelCamera) -> bool:
 def light_of(
     document: Document, node: Table, world: Float64, factor: float, webs: profiles.Profiles
 ) -> Light | None:
-    """Return the light of a node; None if it has no light."""
+    """Return the light of a node; None if it has no light, or, with a note, if it lacks the direction it needs."""
     extension = node.extension("KHR_lights_punctual")
     profiled = node.extension(profiles.NAME)
     if profiled is not None:
@@ -72,7 +73,7 @@ def light_of(
             document.notes.add(
                 "KHR_lights_punctual of nodes with EXT_lights_ies: they are one lamp, which is the latter's."
             )
-        return _profiled(node, profiled, world, factor, webs)
+        return _profiled(document, node, profiled, world, factor, webs)
     if extension is None:
         return None
     every = (document.root.extension("KHR_lights_punctual") or Table({}, document.location)).tables("lights")
@@ -81,11 +82,15 @@ def light_of(
     name = node.name(table.name(f"light-{node.location.path.rpartition('[')[2].rstrip(']')}"))
     colour = table.numbers("color", (1, 1, 1), 0.0)
     intensity = factor * table.number("intensity", 1.0, 0.0) * colour
-    position, direction = world[:3, 3], _along(node, world, 2)
+    position = world[:3, 3]
     if "range" in table:
         document.notes.add("The range of lights: light falls off with the square of the distance, without end.")
     if kind == "point":
         return Light(name, kind, intensity, position)
+    direction = _along(world, 2)
+    if direction is None:
+        document.notes.add(_SCALED_LIGHTS)
+        return None
     if kind == "directional":
         return Light(name, kind, intensity, direction=direction)
     cone = table.table("spot")
@@ -102,12 +107,17 @@ def light_of(
     return Light(name, kind, intensity, position, direction, (float(np.degrees(inner)), float(np.degrees(outer))))
 
 
-def _profiled(node: Table, extension: Table, world: Float64, factor: float, webs: profiles.Profiles) -> Light:
-    direction = _along(node, world, 2)
-    x = -_along(node, world, 0)
-    c0 = x - (x @ direction) * direction  # perpendicular to `direction` even if the node is sheared
-    if not np.linalg.norm(c0) > 0:
-        raise node.location.error("is scaled to a plane, but a profile needs two directions.", "Check its scale.")
+def _profiled(
+    document: Document, node: Table, extension: Table, world: Float64, factor: float, webs: profiles.Profiles
+) -> Light | None:
+    direction, along_x = _along(world, 2), _along(world, 0)
+    c0 = np.zeros(3)
+    if direction is not None and along_x is not None:
+        # Perpendicular to `direction` even if the node is sheared.
+        c0 = (along_x @ direction) * direction - along_x
+    if direction is None or not np.linalg.norm(c0) > 0:
+        document.notes.add(_SCALED_LIGHTS)
+        return None
     number = node.location.path.rpartition("[")[2].rstrip("]")
     profile = webs.of(extension)
     return Light(
@@ -122,14 +132,20 @@ def _profiled(node: Table, extension: Table, world: Float64, factor: float, webs
 
 
 def camera_of(document: Document, node: Table, world: Float64) -> ModelCamera | None:
-    """Return the camera of a node; None if it has no camera."""
+    """Return the camera of a node; None if it has no camera, or, with a note, if it has no direction."""
     cameras = document.all("cameras")
     index = node.index("camera", cameras, "cameras")
     if index is None:
         return None
     table = cameras[index]
     name, position = node.name(table.name(f"camera-{index}")), world[:3, 3]
-    frame = (position, position + _along(node, world, 2), -_along(node, world, 1))
+    direction, down = _along(world, 2), _along(world, 1)
+    if direction is None or down is None:
+        document.notes.add("Cameras of nodes that are scaled to nothing: they have no direction.")
+        return None
+    if mirrors(world):
+        document.notes.add("The mirroring of nodes with cameras: pictures are not mirrored.")
+    frame = (position, position + direction, -down)
     if not table.required_choice("type", _PROJECTIONS):
         view = table.table("orthographic")
         x, y = (view.number(key, 0.0, -LARGEST, LARGEST) for key in ("xmag", "ymag"))
@@ -147,12 +163,11 @@ def camera_of(document: Document, node: Table, world: Float64) -> ModelCamera | 
     return ModelCamera(name, *frame, fov, aspect or None)
 
 
-def _along(node: Table, world: Float64, axis: int) -> Float64:
-    """Return the (3,) unit vector in world space opposite to a node's axis 0, 1 or 2 (x, y, z)."""
+def _along(world: Float64, axis: int) -> Float64 | None:
+    """Return the (3,) unit vector in world space opposite to a node's axis 0, 1 or 2 (x, y, z).
+
+    Returns None if the node scales the axis to 0.
+    """
     column = world[:3, axis]
     length = np.linalg.norm(column)
-    if not length > 0:
-        raise node.location.error(
-            "is scaled to nothing, but a light or camera needs a direction.", "Check its scale."
-        )
-    return np.asarray(-column / length)
+    return np.asarray(-column / length) if length > 0 else None

@@ -27,7 +27,7 @@ from glpath.io.gltf.lights import ModelCamera, camera_of, light_of
 from glpath.io.gltf.nodes import INSTANCING, Nodes, instances
 from glpath.io.gltf.primitives import ONLY_TRIANGLES, Primitives, Skin, is_solid, skin_of
 from glpath.io.gltf.profiles import Profiles
-from glpath.io.gltf.surfaces import Surfaces
+from glpath.io.gltf.surfaces import Surfaces, has_black_backs
 from glpath.io.gltf.table import Table
 from glpath.io.precision import step_at, warn_of_steps
 from glpath.io.values import LARGEST
@@ -40,9 +40,6 @@ from glpath.scene.source_location import shown
 from glpath.scene.tessellate import without_area
 from glpath.system.suggestions import listed_names
 from glpath.system.time_limit import check_time
-
-#: Entry that `glpath export` adds to a file's extras if one-sided materials of the scene have black backs.
-BLACK_BACKS = {"backs": "black"}
 
 # Minimum ratio of the shortest to the longest axis of a transformed unit sphere. A flatter instance counts as a
 # plane, because 32-bit floats do not separate its front and back.
@@ -151,7 +148,8 @@ def read_gltf(
     written = nodes.tables.values
     views = [_camera(document, nodes, i, path_of) for i in nodes.drawn if "camera" in written[i]]
     cameras = tuple(each for each in views if each is not None)
-    eyes = [camera.position for camera in cameras] if backs == "absent" and not made.backs_were_black else None
+    all_black = backs == "black" or has_black_backs(document.root)
+    eyes = None if all_black else [camera.position for camera in cameras]
     shapes = made.all(eyes)
     if not shapes:  # points and lines are drawn only in models without triangles
         with_strokes = replace(opened, primitives=Primitives(accessors, strokes=True))
@@ -247,7 +245,8 @@ def _camera(document: Document, nodes: Nodes, index: int, paths: NodePaths | Non
     if found is None or paths is None or paths.of(index) is None:
         return found
     others = [camera_of(document, table, world[index]) for world in paths.world]
-    return found.through(paths.times, [each for each in others if each is not None])
+    times = paths.times[[each is not None for each in others]]  # the others are scaled to nothing
+    return found.through(times, [each for each in others if each is not None])
 
 
 def _chosen(cameras: Sequence[ModelCamera], wanted: str | int | None, document: Document) -> ModelCamera | None:
@@ -612,12 +611,6 @@ class _Shapes:
             self.low = np.minimum(self.low, (centre - extent).min(axis=0))
             self.high = np.maximum(self.high, (centre + extent).max(axis=0))
 
-    @property
-    def backs_were_black(self) -> bool:
-        """True if `glpath export` wrote the file from a scene with black backs."""
-        extras = self.document.root.values.get("extras")  # extras may have any type
-        return isinstance(extras, dict) and extras.items() >= BLACK_BACKS.items()
-
     def _light_backs(self) -> None:
         """Make one-sided materials two-sided on closed meshes whose inside is visible.
 
@@ -636,8 +629,9 @@ class _Shapes:
             else:
                 clear = [group for group in clear if self._is_solid(group.mesh)]
             for group in clear:
-                material = surfaces[group.surface].material
-                if not material.two_sided and material.transmission == 0:
+                surface = surfaces[group.surface]
+                material = surface.material
+                if not (material.two_sided or material.transmission > 0 or surface.black_backs):
                     seen.setdefault(group.surface, {})[group] = None
         by_surface = self._groups_by_surface() if seen else {}
         for number, groups_of in seen.items():
@@ -684,7 +678,7 @@ class _Shapes:
         for number, groups in self._groups_by_surface().items():
             surface = surfaces[number]
             material = surface.material
-            if material.two_sided or material.transmission > 0:
+            if material.two_sided or material.transmission > 0 or surface.black_backs:
                 continue
             if not all(self._is_solid(group.mesh) and not self._may_enclose(group, points) for group in groups):
                 surfaces[number] = replace(surface, material=replace(material, culled=True))

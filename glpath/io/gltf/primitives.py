@@ -9,6 +9,7 @@ Source: glTF 2.0, 3.7; KHR_mesh_quantization; KHR_draco_mesh_compression.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -41,6 +42,8 @@ _STROKES = ("points", "lines", "line loop", "line strip")
 #: Vertex attributes that are read, with the allowed numbers of components.
 _WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 _MAX_JOINT_SETS = 4
+# Attributes that are read from Draco data.
+_DRACO_WIDTHS = _WIDTHS | {f"{name}_{i}": (4,) for name in ("JOINTS", "WEIGHTS") for i in range(_MAX_JOINT_SETS)}
 # Number of vertices that a skin moves at once.
 _TOGETHER = 1 << 16
 # Bytes of memory in which Draco data are decoded, with copies: of a face, and of a vector of a point.
@@ -102,7 +105,7 @@ class Primitives:
             return None
         count = len(attributes["POSITION"])
         self.accessors.document.take(96 * count, primitive.location)
-        sets = self._joint_sets(primitive, count)
+        sets = self._joint_sets(primitive, attributes)
         moved = {name: np.empty((count, 3)) for name in ("POSITION", "NORMAL") if name in attributes}
         determinants = np.empty(count)
         # A transform and its intermediate results take about a kilobyte for a vertex.
@@ -120,14 +123,17 @@ class Primitives:
         return mesh.turned() if mesh is not None and np.median(determinants) < 0 else mesh
 
     def _attributes(self, primitive: Table, morph: Float64) -> dict[str, NDArray[Any]] | None:
-        """Return morphed attributes by name, and "faces" (F, 3) int64; None for a primitive that is not drawn."""
+        """Return morphed attributes by name, and "faces" (F, 3) int64; None for a primitive that is not drawn.
+
+        Joints and weights are only among the attributes if they are in Draco data.
+        """
         document = self.accessors.document
         mode = primitive.choice("mode", _MODES, "triangles")
         if mode in _STROKES and not self.strokes:
             document.notes.add(ONLY_TRIANGLES)
             return None
         packed = self._unpacked(primitive)
-        found = packed if packed is not None else self._plain(primitive)
+        found = self._plain(primitive, packed or {}) | (packed or {})
         if "POSITION" not in found:
             document.notes.add("Meshes without POSITION: nothing is drawn of them.")
             return None
@@ -146,12 +152,13 @@ class Primitives:
         self._morphed(found, primitive.tables("targets"), morph)
         return found
 
-    def _plain(self, primitive: Table) -> dict[str, NDArray[Any]]:
+    def _plain(self, primitive: Table, packed: Mapping[str, object]) -> dict[str, NDArray[Any]]:
+        """Return the attributes in accessors, except those in `packed`."""
         attributes = primitive.table("attributes")
         every = self.accessors.document.all("accessors")
         found = {}
         for name, widths in _WIDTHS.items():
-            index = attributes.index(name, every, "accessors")
+            index = None if name in packed else attributes.index(name, every, "accessors")
             if index is not None:
                 found[name] = self.accessors.attribute(name, index, widths, attributes.location.field(name))
         for name in attributes.values:
@@ -172,14 +179,15 @@ class Primitives:
         if position is not None and "bufferView" in every[position]:
             return None
         view = extension.required_index("bufferView", document.all("bufferViews"), "buffer views")
-        data, ids, found = document.view(view), extension.table("attributes"), {}
+        data, ids = document.view(view), extension.table("attributes")
+        found: dict[str, NDArray[Any]] = {}
         max_faces, max_points = compression.draco_counts(data, extension.location)
         max_bytes = _DRACO_FACE * max_faces + _DRACO_VECTOR * max(1, len(ids.values)) * max_points
         document.take(max_bytes, extension.location)
         faces, by_id = compression.draco(data, extension.location)
         # The header gives upper bounds, so count the actual sizes instead.
         document.take(24 * faces.size + sum(8 * a.size for a in by_id.values()) - max_bytes, extension.location)
-        for name, widths in _WIDTHS.items():
+        for name, widths in _DRACO_WIDTHS.items():
             number = ids.integer(name)
             if number is None:
                 continue
@@ -190,13 +198,16 @@ class Primitives:
                 )
             stored = np.atleast_2d(by_id[number].T).T
             values = stored.astype(np.float64)
-            if stored.dtype.kind != "f" and name in ("COLOR_0", "TEXCOORD_0", "TEXCOORD_1", "NORMAL"):
+            index = attributes.index(name, every, "accessors")
+            if stored.dtype.kind != "f" and index is not None and every[index].flag("normalized"):
                 values = np.maximum(values / np.iinfo(stored.dtype).max, -1.0)
             if name in OPTIONAL_ATTRIBUTES and values.ndim == 2:
                 values = self.accessors.repaired(name, values)
             if values.ndim != 2 or values.shape[1] not in widths or not np.isfinite(values).all():
                 raise location.error(f"has Draco data of shape {values.shape}, or numbers that are not finite.")
-            found[name] = values
+            if name.startswith("JOINTS_") and np.any(values < 0):
+                raise location.error(f"has Draco data with the joint {values.min():g}, but the first is 0.")
+            found[name] = values.astype(np.int64) if name.startswith("JOINTS_") else values
         return {**found, "faces": faces}
 
     def _faces(self, primitive: Table, mode: str, count: int) -> NDArray[np.int64]:
@@ -207,7 +218,7 @@ class Primitives:
             order = np.arange(count)
         else:
             order = self.accessors.integers(index, 1, location)[:, 0]
-            if order.max() >= count:
+            if order.max(initial=-1) >= count:
                 at = int(np.argmax(order >= count))
                 raise location.item(at).error(
                     f"names vertex {order[at]}, but POSITION has {count:,} elements (0 to {count - 1}).",
@@ -236,7 +247,7 @@ class Primitives:
         every = self.accessors.document.all("accessors")
         changed = set()
         for target, weight in zip(targets, morph, strict=False):
-            for name in found.keys() & target.values.keys() if weight else ():
+            for name in found.keys() & _WIDTHS.keys() & target.values.keys() if weight else ():
                 location = target.location.field(name)
                 index = target.index(name, every, "accessors")
                 assert index is not None, "its name is among the keys"
@@ -318,18 +329,27 @@ class Primitives:
                 "Use fewer points and lines.",
             )
 
-    def _joint_sets(self, primitive: Table, count: int) -> list[tuple[NDArray[np.int64], Float64]]:
-        """Return the joints (V, 4) and weights (V, 4) of each set of a primitive of `count` vertices."""
-        attributes = primitive.table("attributes")
+    def _joint_sets(
+        self, primitive: Table, found: Mapping[str, NDArray[Any]]
+    ) -> list[tuple[NDArray[np.int64], Float64]]:
+        """Return the joints (V, 4) and weights (V, 4) of each set of a primitive.
+
+        found : attributes of the primitive, as `_attributes` returns them
+        """
+        attributes, count = primitive.table("attributes"), len(found["POSITION"])
         every = self.accessors.document.all("accessors")
         sets = []
         for number in range(_MAX_JOINT_SETS):
             names = [f"JOINTS_{number}", f"WEIGHTS_{number}"]
+            joint: NDArray[np.int64] | None = found.get(names[0])
+            weight: Float64 | None = found.get(names[1])
             first, second = (attributes.index(name, every, "accessors") for name in names)
-            if first is None or second is None:
+            if joint is None and first is not None:
+                joint = self.accessors.integers(first, 4, attributes.location.field(names[0]))
+            if weight is None and second is not None:
+                weight = self.accessors.floats(second, (4,), attributes.location.field(names[1]))
+            if joint is None or weight is None:
                 break
-            joint = self.accessors.integers(first, 4, attributes.location.field(names[0]))
-            weight = self.accessors.floats(second, (4,), attributes.location.field(names[1]))
             if len(joint) != count or len(weight) != count:
                 raise attributes.location.field(names[0]).error(
                     f"has {len(joint):,} elements, {names[1]} {len(weight):,}, but POSITION has {count:,}."

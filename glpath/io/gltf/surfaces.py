@@ -11,7 +11,7 @@ Source: glTF 2.0, 3.8, 3.9 and appendix B; the KHR_materials extensions; KHR_tex
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from glpath.film.image import decode_srgb
 from glpath.io.gltf import compression, glossiness
 from glpath.io.gltf.document import Document
-from glpath.io.gltf.images import read_image
+from glpath.io.gltf.images import UnknownFormatError, read_image
 from glpath.io.gltf.material_extensions import LAYERS
 from glpath.io.gltf.table import Choice, Table
 from glpath.scene.material import Wrap
@@ -31,6 +31,8 @@ _WRAPS: dict[Any, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _FILTERS: dict[Any, Literal["linear", "nearest"]] = {9728: "nearest", 9729: "linear"}
 _ALPHA: dict[Any, Literal["opaque", "mask", "blend"]] = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
 _STRENGTH = "KHR_materials_emissive_strength"
+#: Entry that `glpath export` adds to the extras of a file, or of a material, if one-sided backs are black.
+BLACK_BACKS = {"backs": "black"}
 # Number of pixels that are converted at once.
 _STRIP_PIXELS = 1 << 18
 # Material with defaults; its fields are numbers, or arrays for colours.
@@ -41,11 +43,13 @@ _PLAIN = Material("plain", np.ones(3))
 class Surface:
     """Material and its emission; in glpath the emission belongs to the shape.
 
-    emission : (3,) radiance W sr^-1 m^-2, of both sides if the material is two-sided
+    emission    : (3,) radiance W sr^-1 m^-2, of both sides if the material is two-sided
+    black_backs : True if `glpath export` wrote the material for black backs
     """
 
     material: Material
     emission: Float64
+    black_backs: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,7 @@ class Surfaces:
     _texture_numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
 
     _names: set[str] = field(default_factory=set)
+    _unreadable: set[int] = field(default_factory=set)
 
     def number(self, index: int | None) -> int:
         """Return the index in `surfaces` of a material of the document; None is glTF's default material."""
@@ -81,7 +86,7 @@ class Surfaces:
             if name in self._names:
                 name = f"{name}-{index}"
             self._names.add(name)
-            self.surfaces.append(self._surface(table, name))
+            self.surfaces.append(replace(self._surface(table, name), black_backs=has_black_backs(table)))
             self._numbers[index] = len(self.surfaces) - 1
         return self._numbers[index]
 
@@ -113,10 +118,10 @@ class Surfaces:
             )
         if "occlusionTexture" in table:
             self.document.notes.add("Occlusion textures: what they stand for is computed.")
-        common["roughness"] = self._share(pbr, "roughnessFactor", 1.0)
         glossy = table.extension("KHR_materials_pbrSpecularGlossiness")
         if glossy is not None:
             return self._specular_glossiness(table, glossy, common)
+        common["roughness"] = self._share(pbr, "roughnessFactor", 1.0)
         metallic, layers = self._share(pbr, "metallicFactor", 1.0), self._layers(table)
         if _is_diffuse(metallic, layers):
             common["roughness"] = None
@@ -176,7 +181,8 @@ class Surfaces:
             return None
         if (first.wrap, first.uv_set) != (second.wrap, second.uv_set) or np.any(first.matrix != second.matrix):
             return None
-        key = ("glossiness", first.source, second.source, *diffuse, *specular, gloss, "diffuseTexture" in glossy)
+        lookup = first.source, second.source, first.wrap, first.filter
+        key = ("glossiness", *lookup, *diffuse, *specular, gloss, "diffuseTexture" in glossy)
         if key not in self._texture_numbers:
             pictures = [read_image(self.document, source) for source in (first.source, second.source)]
             height, width = (max(each.shape[axis] for each in pictures) for axis in (0, 1))
@@ -275,7 +281,11 @@ class Surfaces:
                 raise volume.location.field("attenuationDistance").wrong(distance, "above 0")
             # At least 1e-300, because the logarithm of 0 is infinite; the transmitted light is equally black.
             fields["attenuation"] = -np.log(np.maximum(colour, 1e-300)) / distance + 0.0
-            self._unused(volume, "thicknessTexture")
+            is_glass = fields.get("transmission", 0.0) > 0
+            if not is_glass and fields.get("diffuse_transmission", 0.0) > 0 and fields["attenuation"].any():
+                self.document.notes.add(
+                    "Attenuation inside of surfaces with KHR_materials_diffuse_transmission: only glass attenuates."
+                )
         return fields
 
     def _unused(self, table: Table, *names: str) -> None:
@@ -302,7 +312,7 @@ class Surfaces:
         return None if found is None else TextureSlot(self._texture(found, srgb), found.uv_set, found.matrix)
 
     def _look_up(self, owner: Table, name: str) -> _LookUp | None:
-        """Return the image and the lookup of a texture; None if its coordinates or its image are missing."""
+        """Return the image and the lookup of a texture; None if its coordinates or a readable image are missing."""
         info = owner.table(name)
         textures = self.document.all("textures")
         texture = textures[info.required_index("index", textures, "textures")]
@@ -317,9 +327,7 @@ class Surfaces:
         index = texture.index("sampler", samplers, "samplers")
         sampler = Table({}, texture.location) if index is None else samplers[index]
         source = self._source(texture)
-        image = self.document.all("images")[source]
-        uri = image.text("uri")
-        if uri is not None and self.document.lacks_picture(uri, image.location.field("uri")):
+        if source is None or not self._has_picture(source):
             return None
         return _LookUp(
             source,
@@ -328,6 +336,20 @@ class Surfaces:
             1 if uv_set else 0,
             np.eye(2, 3) if transform is None else _uv_transform(transform),
         )
+
+    def _has_picture(self, source: int) -> bool:
+        """Return True if an image exists and has a known format; the image is then decoded."""
+        image = self.document.all("images")[source]
+        uri = image.text("uri")
+        if uri is not None and self.document.lacks_picture(uri, image.location.field("uri")):
+            return False
+        if source not in self._unreadable:
+            try:
+                read_image(self.document, source)
+            except UnknownFormatError as error:
+                self.document.notes.add(f"Textures of {image.location.path}, which {error.found}.")
+                self._unreadable.add(source)
+        return source not in self._unreadable
 
     def _sampled(self, sampler: Table, name: str, allowed: Mapping[Any, Choice], default: Choice) -> Choice:
         """Return a value of a sampler; the default, with a note, for a number that glTF does not define."""
@@ -352,8 +374,11 @@ class Surfaces:
             self._texture_numbers[key] = len(self.textures) - 1
         return self._texture_numbers[key]
 
-    def _source(self, table: Table) -> int:
-        """Return the image index of a texture: a compressed image if it can be read, otherwise the plain one."""
+    def _source(self, table: Table) -> int | None:
+        """Return the image index of a texture: a compressed image if it can be read, otherwise the plain one.
+
+        Returns None, with a note, if the texture has neither.
+        """
         images = self.document.all("images")
         plain = table.index("source", images, "images")
         webp = table.extension("EXT_texture_webp")
@@ -363,10 +388,14 @@ class Surfaces:
         if basisu is not None and (plain is None or compression.available("opengl_basisu")):
             return basisu.required_index("source", images, "images")
         if plain is None:
-            raise table.location.error(
-                "has no `source` that can be read.", "Export the file with textures of PNG, JPEG, WebP or KTX 2."
-            )
+            self.document.notes.add("Textures without an image of PNG, JPEG, WebP or KTX 2.")
         return plain
+
+
+def has_black_backs(table: Table) -> bool:
+    """Return True if the extras of a file or a material say that `glpath export` wrote it for black backs."""
+    extras = table.values.get("extras")  # extras may have any type
+    return isinstance(extras, dict) and extras.items() >= BLACK_BACKS.items()
 
 
 def _is_diffuse(metallic: float, layers: Mapping[str, Any]) -> bool:

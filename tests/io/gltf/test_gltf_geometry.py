@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from glpath import SceneWarning
-from glpath.io.gltf import Model, read_gltf
+from glpath import SceneError, SceneWarning
+from glpath.io.gltf import Model, document, read_gltf
 from glpath.io.gltf.table import Table
 from glpath.scene.model import Mesh, Shapes
+from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import box_mesh
 from tests.support.gltf_files import TRIANGLE, Gltf
 from tests.support.repository import ROOT
@@ -46,6 +47,22 @@ def test_a_triangle_is_read_from_both_forms(tmp_path: Path, suffix: str) -> None
     assert mesh.uv is None
     assert mesh.normals is None
     assert mesh.colours is None
+
+
+@pytest.mark.parametrize(
+    "body", ["AAEC\r\nAwQF\n", "AAEC AwQF", "AAECAwQF%0A", "AAECAwQFBg", "AAECAwQFBg==", "AAECAwQFBgc"]
+)
+def test_base64_may_have_line_breaks_and_no_padding(body: str) -> None:
+    """The expected bytes are 0, 1, 2 ...; three of them are four characters [RFC 4648]."""
+    found = document._data(f"data:;base64,{body}", SourceLocation("a.gltf"))
+    count = {"g": 7, "=": 7, "c": 8}.get(body[-1], 6)
+    assert found == bytes(range(count))
+
+
+@pytest.mark.parametrize("body", ["AAEC*wQF", "AAECA", "ÄAEC"])
+def test_what_is_not_base64_is_refused(body: str) -> None:
+    with pytest.raises(SceneError, match="not base64"):
+        document._data(f"data:;base64,{body}", SourceLocation("a.gltf"))
 
 
 def test_a_buffer_beside_the_model_is_read_by_its_percent_encoded_name(tmp_path: Path) -> None:
@@ -390,6 +407,53 @@ def test_steps_hold_the_key_before(tmp_path: Path) -> None:
     assert found == [2, 6]
 
 
+@pytest.mark.parametrize("interpolation", ["STEP", "LINEAR"])
+def test_a_key_at_a_frame_is_reached_in_this_frame(interpolation: str, tmp_path: Path) -> None:
+    """Files store 0.1 as the nearest number of 24 bits, which is above that of 53 bits."""
+    file = Gltf()
+    node = file.node(mesh=file.mesh())
+    keys = file.accessor(np.arange(4) / 10.0)
+    values = file.accessor([[x, 0, 0] for x in range(4)])
+    sampler = {"input": keys, "output": values, "interpolation": interpolation}
+    channel = {"sampler": 0, "target": {"node": node, "path": "translation"}}
+    file.add("animations", samplers=[sampler], channels=[channel])
+    found = [read(file, tmp_path, time=i / 10).shapes[0].world_from_object[0, 0, 3] for i in range(4)]
+    np.testing.assert_allclose(found, [0, 1, 2, 3], atol=1e-6)
+
+
+def test_a_key_where_the_shutter_opens_is_no_further_sample(tmp_path: Path) -> None:
+    file = animated("translation", "LINEAR", [[2, 0, 0], [6, 0, 0]])
+    file.json["animations"][0]["samplers"][0]["input"] = file.accessor([0.1, 0.3])
+    (shape,) = read(file, tmp_path, time=0.1, shutter=0.2).shapes
+    assert shape.motion is not None
+    assert len(shape.motion.times) == 17
+
+
+def test_keys_of_one_time_are_a_jump(tmp_path: Path) -> None:
+    file = animated("translation", "LINEAR", [[2, 0, 0], [6, 0, 0], [8, 0, 0], [9, 0, 0]])
+    file.json["animations"][0]["samplers"][0]["input"] = file.accessor([0.0, 2.0, 2.0, 4.0])
+    found = [read(file, tmp_path, time=t).shapes[0].world_from_object[0, 0, 3] for t in (1.0, 2.0, 3.0)]
+    assert found == [4, 8, 8.5]
+
+
+def test_a_track_without_keys_moves_nothing(tmp_path: Path) -> None:
+    file = animated("translation", "LINEAR", [[2, 0, 0], [6, 0, 0]])
+    for accessor in file.json["accessors"][-2:]:
+        accessor["count"] = 0
+    np.testing.assert_array_equal(read(file, tmp_path, time=1.0).shapes[0].world_from_object[0], np.eye(3, 4))
+
+
+@pytest.mark.parametrize("mode", range(7))
+@pytest.mark.parametrize("empty", ["indices", "all"])
+def test_a_primitive_without_vertices_or_indices_draws_nothing(empty: str, mode: int, tmp_path: Path) -> None:
+    file = Gltf()
+    number = file.mesh(indices=[0, 1, 2], mode=mode)
+    for accessor in file.json["accessors"][: 1 if empty == "indices" else 2]:
+        accessor["count"] = 0
+    file.node(mesh=number)
+    assert read(file, tmp_path).shapes == ()
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_half_way_between_two_rotations_is_half_the_angle_the_shorter_way(tmp_path: Path, sign: int) -> None:
     angle = np.radians(120)
@@ -509,6 +573,76 @@ def test_draco_meshes_are_unpacked(tmp_path: Path) -> None:
     file.json["extensionsRequired"] = ["KHR_draco_mesh_compression"]
     found = the_mesh(read(file, tmp_path))
     np.testing.assert_allclose(np.sort(found.vertices, axis=0), np.sort(TRIANGLE, axis=0), atol=1e-3)
+
+
+def draco_file(ids: dict[str, int], packed: bytes, **attributes: int) -> Gltf:
+    """A file of one Draco mesh. attributes: accessors, beside that of POSITION."""
+    file = Gltf()
+    extension = {"bufferView": file.view(packed), "attributes": ids}
+    position = file.add("accessors", componentType=5126, count=3, type="VEC3")
+    primitive = {
+        "attributes": {"POSITION": position, **attributes},
+        "extensions": {"KHR_draco_mesh_compression": extension},
+    }
+    file.add("meshes", primitives=[primitive])
+    return file
+
+
+def position_id(draco: Any, packed: bytes) -> int:
+    (number,) = [a["unique_id"] for a in draco.decode(packed).attributes if a["attribute_type"] == 0]
+    return int(number)
+
+
+@pytest.mark.parametrize("outside", ["", "JOINTS_0", "WEIGHTS_0"])
+def test_joints_and_weights_of_draco_meshes_bend_them(outside: str, tmp_path: Path) -> None:
+    """Each vertex follows the joint of its weight, whether the two arrays are compressed or one has an accessor."""
+    draco = pytest.importorskip("DracoPy", reason="needs the extra gltf")
+    joints = np.tile(np.array([1, 0, 2, 0], np.uint16), (3, 1))
+    weights = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0.25, 0, 0.75, 0]], np.float32)
+    arrays = {"JOINTS_0": (7, joints, "uint16"), "WEIGHTS_0": (8, weights, "float32")}
+    packed = draco.encode(
+        np.array(TRIANGLE, np.float32),
+        np.array([[0, 1, 2]]),
+        preserve_order=True,
+        generic_attributes={number: array for name, (number, array, _) in arrays.items() if name != outside},
+    )
+    ids = {name: number for name, (number, _, _) in arrays.items() if name != outside}
+    file = draco_file({"POSITION": position_id(draco, packed), **ids}, packed)
+    attributes = file.json["meshes"][0]["primitives"][0]["attributes"]
+    for name, (_, array, dtype) in arrays.items():
+        attributes[name] = file.accessor(array, dtype)
+        if name != outside:
+            del file.json["accessors"][attributes[name]]["bufferView"]
+    places = [file.node(translation=[0, 0, z]) for z in (0, 4, 8)]
+    file.node(mesh=0, skin=file.add("skins", joints=places))
+    (found,) = Shapes(read(file, tmp_path).shapes).triangles
+    np.testing.assert_allclose(found, np.add(TRIANGLE, [[0, 0, 4], [0, 0, 0], [0, 0, 7]]), atol=1e-3)
+
+
+def test_attributes_beside_draco_data_are_read(tmp_path: Path) -> None:
+    draco = pytest.importorskip("DracoPy", reason="needs the extra gltf")
+    packed = draco.encode(np.array(TRIANGLE, np.float32), np.array([[0, 1, 2]]), preserve_order=True)
+    file = draco_file({"POSITION": position_id(draco, packed)}, packed)
+    uv = [[0.25, 0], [1, 0], [0, 0.5]]
+    file.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = file.accessor(uv)
+    file.node(mesh=0)
+    np.testing.assert_allclose(the_mesh(read(file, tmp_path)).uv, [[0.25, 1], [1, 1], [0, 0.5]])
+
+
+@pytest.mark.parametrize(("normalized", "u"), [(True, 1.0), (False, 255.0)])
+def test_whole_numbers_in_draco_data_are_shares_if_the_accessor_says_so(
+    normalized: bool, u: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uv = np.array([[255, 0], [0, 0], [0, 0]], np.uint8)
+    decoded = np.array([[0, 1, 2]]), {0: np.array(TRIANGLE, np.float32), 1: uv}
+    monkeypatch.setattr("glpath.io.gltf.compression.draco", lambda data, location: decoded)
+    monkeypatch.setattr("glpath.io.gltf.compression.draco_counts", lambda data, location: (1, 3))
+    file = draco_file({"POSITION": 0, "TEXCOORD_0": 1}, b"\0", TEXCOORD_0=1)
+    file.add("accessors", componentType=5121, count=3, type="VEC2", normalized=normalized)
+    file.node(mesh=0)
+    found = the_mesh(read(file, tmp_path)).uv
+    assert found is not None
+    assert found[0, 0] == u
 
 
 def tree(count: int, seed: int) -> Gltf:

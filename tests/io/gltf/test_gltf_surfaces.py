@@ -233,6 +233,31 @@ def test_textures_of_specular_glossiness_become_metal_and_roughness(tmp_path: Pa
     assert not any("Texture:" in note for note in model.notes)
 
 
+def test_the_other_model_beside_specular_glossiness_has_no_effect(tmp_path: Path) -> None:
+    """The glossiness texture alone sets the roughness; the core material is for other readers."""
+    file = Gltf()
+    shiny = {"index": file.texture([[[255, 255, 255, 128]]])}
+    other = {"roughnessFactor": 0.5, "metallicFactor": 0.25}
+    table = {"specularGlossinessTexture": shiny}
+    file.one_triangle(pbrMetallicRoughness=other, **extended("KHR_materials_pbrSpecularGlossiness", **table))
+    (material,) = read(file, tmp_path).materials
+    assert (material.roughness, material.metallic) == (1, 1)
+
+
+def test_specular_glossiness_keeps_the_sampler_of_each_material(tmp_path: Path) -> None:
+    file = Gltf()
+    image = file.image([[[255, 255, 255, 128]]])
+    for sampler in ({"wrapS": 33071}, {"wrapS": 33648, "magFilter": 9728}):
+        number = file.add("textures", source=image, sampler=file.add("samplers", **sampler))
+        table = {"specularGlossinessTexture": {"index": number}}
+        file.one_triangle(**extended("KHR_materials_pbrSpecularGlossiness", **table))
+    model = read(file, tmp_path)
+    slots = [material.surface_texture for material in model.materials]
+    textures = [model.textures[slot.texture] for slot in slots if slot is not None]
+    found = [(texture.wrap[0], texture.filter) for texture in textures]
+    assert found == [("clamp", "linear"), ("mirror", "nearest")]
+
+
 def test_specular_glossiness_is_converted_alike_in_strips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(5)
     found = []
@@ -315,6 +340,55 @@ def test_what_is_not_used_is_noted_once(tmp_path: Path) -> None:
     assert [note for note in notes if "ACME" in note] == ["The extensions ACME_dust, ACME_glitter."]
 
 
+@pytest.mark.parametrize(("transmission", "noted"), [(0, True), (1, False)])
+def test_attenuation_of_what_is_no_glass_is_noted(transmission: float, noted: bool, tmp_path: Path) -> None:
+    extensions = {
+        "KHR_materials_diffuse_transmission": {"diffuseTransmissionFactor": 0.5},
+        "KHR_materials_transmission": {"transmissionFactor": transmission},
+        "KHR_materials_volume": {"thicknessFactor": 1, "attenuationDistance": 1, "attenuationColor": [1, 0.5, 0.5]},
+    }
+    _, model = the_material(tmp_path, extensions=extensions)
+    assert any("ttenuation" in note for note in model.notes) == noted
+
+
+def test_a_thickness_texture_is_nothing_lost(tmp_path: Path) -> None:
+    """It is for readers that do not trace rays through the solid."""
+    file = Gltf()
+    volume = {"thicknessFactor": 1, "thicknessTexture": {"index": file.texture(FOUR)}}
+    file.one_triangle(extensions={"KHR_materials_volume": volume})
+    assert read(file, tmp_path).notes == ()
+
+
+DDS = b"DDS " + bytes(124)
+AVIF = b"\0\0\0\x20ftypavif" + bytes(20)
+
+
+@pytest.mark.parametrize("data", [None, DDS, AVIF])
+def test_a_texture_without_an_image_that_can_be_read_is_left_out(data: bytes | None, tmp_path: Path) -> None:
+    file = Gltf()
+    texture: dict[str, Any] = {"extensions": {"EXT_texture_avif": {"source": 0}}}
+    if data is not None:
+        texture = {"source": file.add("images", bufferView=file.view(data), mimeType="image/png")}
+    info = {"index": file.add("textures", **texture)}
+    shiny = extended("KHR_materials_pbrSpecularGlossiness", specularGlossinessTexture=info, glossinessFactor=0.75)
+    file.one_triangle(pbrMetallicRoughness={"baseColorTexture": info, "baseColorFactor": [1, 0, 0, 1]})
+    file.one_triangle(**shiny)
+    file.one_triangle(emissiveTexture=info, emissiveFactor=[1, 1, 1])
+    model = read(file, tmp_path)
+    red, older, _ = model.materials
+    assert not any(material.slots for material in model.materials)
+    assert (red.reflectance.tolist(), older.roughness) == ([1, 0, 0], 0.25)
+    assert not any(np.any(shape.emission) for shape in model.shapes)
+    (note,) = [note for note in model.notes if note.startswith("Textures ")]
+    assert "PNG" in note
+
+
+def test_extensions_that_change_no_image_may_be_required(tmp_path: Path) -> None:
+    file = Gltf().one_triangle()
+    file.json["extensionsRequired"] = ["KHR_xmp_json_ld", "EXT_mesh_features", "EXT_structural_metadata"]
+    assert read(file, tmp_path).notes == ()
+
+
 def test_open_meshes_that_are_not_double_sided_have_no_backs(tmp_path: Path) -> None:
     for both in (True, False):
         material, _ = the_material(tmp_path, doubleSided=both)
@@ -364,6 +438,11 @@ def test_backs_that_were_black_are_kept(extras: Any, black: bool, tmp_path: Path
     file = Gltf().one_triangle(doubleSided=False)
     file.json["extras"] = extras
     assert read(file, tmp_path).materials[0].culled != black
+
+
+def test_backs_of_a_material_that_were_black_are_kept(tmp_path: Path) -> None:
+    file = Gltf().one_triangle(extras={"backs": "black"}).one_triangle()
+    assert [material.culled for material in read(file, tmp_path).materials] == [False, True]
 
 
 def test_the_first_row_of_an_image_is_at_the_top_and_so_is_v_of_1(tmp_path: Path) -> None:
@@ -548,6 +627,47 @@ def test_spots_have_their_cone_in_degrees(tmp_path: Path) -> None:
 
 def test_the_range_of_a_light_is_noted(tmp_path: Path) -> None:
     assert any("range" in note for note in read(lamp(type="point", range=3), tmp_path).notes)
+
+
+@pytest.mark.parametrize(("kind", "count"), [("point", 1), ("spot", 0), ("directional", 0)])
+def test_a_light_that_is_scaled_to_nothing_needs_no_direction_or_is_left_out(
+    kind: str, count: int, tmp_path: Path
+) -> None:
+    file = lamp(type=kind)
+    file.json["nodes"][0]["scale"] = [0, 0, 0]
+    model = read(file, tmp_path)
+    assert len(model.lights) == count
+    assert any("scaled to nothing" in note for note in model.notes) == (not count)
+
+
+def test_a_camera_that_is_scaled_to_nothing_is_left_out(tmp_path: Path) -> None:
+    file = two_cameras()
+    file.json["nodes"][0]["scale"] = [0, 0, 0]
+    model = read(file, tmp_path)
+    assert [camera.name for camera in model.cameras] == ["narrow", "camera-2"]
+    assert any("Cameras" in note for note in model.notes)
+    with pytest.raises(UsageError, match="narrow"):
+        read(file, tmp_path, camera="wide")
+
+
+def test_a_camera_that_shrinks_to_nothing_has_the_poses_before(tmp_path: Path) -> None:
+    file = two_cameras()
+    sampler = {"input": file.accessor([0.0, 1.0]), "output": file.accessor([[1, 1, 1], [0, 0, 0]])}
+    channels = [
+        {"sampler": i, "target": {"node": 0, "path": path}} for i, path in enumerate(("scale", "translation"))
+    ]
+    moved = {"input": sampler["input"], "output": file.accessor([[0, 0, 0], [16, 0, 0]])}
+    file.add("animations", samplers=[sampler, moved], channels=channels)
+    motion = read(file, tmp_path, time=0.0, shutter=1.0).cameras[0].motion
+    assert [key.time for key in motion] == (np.arange(16) / 16).tolist()
+    np.testing.assert_allclose([key.position[0] for key in motion], np.arange(16))
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_mirrored_camera_is_noted(mirrored: bool, tmp_path: Path) -> None:
+    file = two_cameras()
+    file.json["nodes"][0]["scale"] = [-1 if mirrored else 1, 1, 1]
+    assert any("mirror" in note for note in read(file, tmp_path).notes) == mirrored
 
 
 def two_cameras() -> Gltf:
