@@ -227,7 +227,7 @@ def _with_smooth_normals(tables: _Tables, corners: Int64, sizes: Int64, groups: 
     if not (is_smooth & (corners[:, 2] < 0)).any():
         return tables
     positions = tables.v[corners[:, 0], :3]
-    # Twice the area vector of a polygon is the sum of the cross products of its edges, seen from one of its corners.
+    # The sum of the cross products of a polygon's edges, as seen from its first corner, is twice its area vector.
     ends = np.cumsum(sizes)
     following = np.arange(1, len(of) + 1)
     following[ends[sizes > 0] - 1] = (ends - sizes)[sizes > 0]
