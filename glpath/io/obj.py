@@ -37,7 +37,7 @@ _NAMES = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}
 _PLURALS = {"v": "vertices", "vt": "texture coordinates", "vn": "normals"}
 _FACES = ("f", "fo")  # "fo" is an older name of "f"
 _FLAT = ("off", "0")  # smoothing groups of faces without smoothing
-_UNUSED = {"curv": "curves", "curv2": "trimming curves", "surf": "surfaces"}
+_UNUSED = {"curv": "curves", "curv2": "trimming curves", "surf": "surfaces", "usemap": "texture maps of usemap"}
 _MRGB = re.compile(rb"^#MRGB[ \t]+((?:[0-9a-fA-F]{8})+)[ \t]*\r?$", re.MULTILINE)
 _DIGITS = b"0123456789"
 # Maximum ratio of the file's vertices to a part's corners at which the part's vertices are found by a table with an
@@ -172,7 +172,7 @@ def read_obj(content: bytes, source: str, *, smooth: bool = False) -> ObjFile:
             smoothing.append((len(sizes), group))
         elif kind == "mtllib":
             libraries[" ".join(values)] = None
-        elif kind == "p" or kind in _UNUSED:
+        elif kind == "p" or (kind in _UNUSED and values != ["off"]):
             unused[kind] += 1
     check_time()
     tables = _Tables(*(each.table(source) for each in rows.values()))
