@@ -412,12 +412,24 @@ def read_image(path: str | Path, colours: bool = True) -> Float64:
 
 
 def read_environment(path: str | Path) -> NDArray[np.float32]:
-    """Read an image file as (H, W, 3) float32. For an .hdr, this needs less memory than `read_image`."""
+    """Read an image file as (H, W, 3) float32. For an .hdr, this needs less memory than `read_image`.
+
+    An .exr is cropped, or padded with zeros, to its display window.
+    """
     with np.errstate(over="ignore"):  # values that float32 cannot hold become infinite
-        return _read(path, True).astype(np.float32, copy=False)
+        return _read(path, True, display=True).astype(np.float32, copy=False)
 
 
-def _read(path: str | Path, colours: bool) -> NDArray[Any]:
+@checked
+def read_texture(path: str | Path, colours: bool = True, alpha: bool = False) -> Float64:
+    """Read an image file as `read_image` does, but an .exr cropped, or padded with zeros, to its display window.
+
+    alpha : True to return (H, W, 4) for an .exr with alpha
+    """
+    return _read(path, colours, display=True, alpha=alpha).astype(np.float64, copy=False)
+
+
+def _read(path: str | Path, colours: bool, display: bool = False, alpha: bool = False) -> NDArray[Any]:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in READABLE:
@@ -426,8 +438,9 @@ def _read(path: str | Path, colours: bool) -> NDArray[Any]:
         )
     with reading(path, suffix):
         check_file(path)
-        image = _READERS[suffix](path) if colours or suffix != ".exr" else _read_exr(path, False)
-        return _three_channels(image)
+        if suffix == ".exr":
+            return _three_channels(_read_exr(path, colours, display, alpha), alpha)
+        return _three_channels(_READERS[suffix](path))
 
 
 def read_eight_bits(path: str | Path) -> UInt8 | None:
@@ -476,14 +489,20 @@ class PictureSize(NamedTuple):
     channel_bytes: int
 
 
-def picture_size(path: str | Path) -> PictureSize:
-    """Read the size of a .png, .jpg, .exr or .hdr from its header. Raises ImageError."""
+def picture_size(path: str | Path, display: bool = False) -> PictureSize:
+    """Read the size of a .png, .jpg, .exr or .hdr from its header. Raises ImageError.
+
+    display : True for the larger of the data window and the display window of an .exr, False for the data window
+    """
     path = Path(path)
     suffix = path.suffix.lower()
     with reading(path, suffix):
         check_file(path)
         if suffix == ".exr":
             (height, width), header = _exr_header(path)
+            if display:
+                (left, top), (right, bottom) = _window(header, "displayWindow")
+                width, height = max(width, right - left + 1), max(height, bottom - top + 1)
             return PictureSize(width, height, len(header["channels"]), 4)
         if suffix == ".hdr":
             with path.open("rb") as file:
@@ -576,16 +595,56 @@ def _read_jpeg(path: Path) -> Float64:
         return decode_levels(iio.imread(path, plugin="pillow", index=0, mode="RGB"))
 
 
-def _read_exr(path: Path, convert: bool = True) -> Float64:
+def _read_hdr(path: Path) -> NDArray[np.float32]:
+    colours, primaries = read_rgbe(path)
+    matrix = None if primaries is None else _matrix_to_rec709(primaries)
+    return colours if matrix is None else colours @ matrix.T.astype(np.float32)
+
+
+def _read_exr(path: Path, convert: bool = True, display: bool = False, alpha: bool = False) -> Float64:
     channels, header = _exr(path)
     if not {"R", "G", "B"} <= channels.keys() and "Y" not in channels:
         raise ValueError(f"found the channels {', '.join(sorted(channels)) or 'none'}, expected R, G, B or Y")
     names = "RGB" if "R" in channels else "Y"
     colours = np.stack([channels[name] for name in names], axis=-1).astype(np.float64)
-    given = np.array(header.get("chromaticities", REC709_CHROMATICITIES), np.float64)
-    if not convert or names == "Y" or np.allclose(given, REC709_CHROMATICITIES, rtol=0.0, atol=_SAME_CHROMATICITY):
-        return colours
-    return colours @ _rec709_from(given).T
+    matrix = _matrix_to_rec709(header["chromaticities"]) if "chromaticities" in header else None
+    if convert and names == "RGB" and matrix is not None:
+        colours = colours @ matrix.T
+    if alpha and "A" in channels:
+        colours = np.dstack([np.broadcast_to(colours, (*colours.shape[:2], 3)), channels["A"]])
+    return _in_display_window(colours, header, path) if display else colours
+
+
+def _in_display_window(pixels: Float64, header: dict[str, Any], path: Path) -> Float64:
+    """Return the pixels (H, W, C) of the display window of an EXR; zeros outside the data window.
+
+    Raises ValueError if the display window is implausibly large for the file.
+    """
+    (left, top), _ = data = _window(header, "dataWindow")
+    (x, y), (right, bottom) = display = _window(header, "displayWindow")
+    if display == data or right < x or bottom < y:
+        return pixels
+    width, height = right - x + 1, bottom - y + 1
+    check_unfolded(4 * width * height * pixels.shape[2], path.stat().st_size, FLOAT_PIXEL * width * height)
+    result = np.zeros((height, width, pixels.shape[2]))
+    visible = pixels[max(y - top, 0) : max(bottom + 1 - top, 0), max(x - left, 0) : max(right + 1 - left, 0)]
+    row, column = max(top - y, 0), max(left - x, 0)
+    result[row : row + visible.shape[0], column : column + visible.shape[1]] = visible
+    return result
+
+
+def _window(header: dict[str, Any], name: str) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return the (x, y) of the first and of the last pixel of a window of an EXR."""
+    (left, top), (right, bottom) = (corner.astype(np.int64).tolist() for corner in header[name])
+    return (left, top), (right, bottom)
+
+
+def _matrix_to_rec709(chromaticities: ArrayLike) -> Float64 | None:
+    """Return the matrix of `_rec709_from`; None if the primaries are those of Rec. 709."""
+    given = np.array(chromaticities, np.float64)
+    if np.allclose(given, REC709_CHROMATICITIES, rtol=0.0, atol=_SAME_CHROMATICITY):
+        return None
+    return _rec709_from(given)
 
 
 def _rec709_from(chromaticities: Float64) -> Float64:
@@ -713,14 +772,14 @@ _READERS: dict[str, Callable[[Path], Float64 | NDArray[np.float32]]] = {
     ".jpg": _read_jpeg,
     ".jpeg": _read_jpeg,
     ".exr": _read_exr,
-    ".hdr": read_rgbe,
+    ".hdr": _read_hdr,
     ".npz": _read_npz,
     ".npy": _read_npy,
 }
 
 
-def _three_channels(image: NDArray[Any]) -> NDArray[Any]:
-    """Return the image as (H, W, 3). Grey is repeated in three channels, and alpha is dropped.
+def _three_channels(image: NDArray[Any], alpha: bool = False) -> NDArray[Any]:
+    """Return the image as (H, W, 3), or with alpha (H, W, 4). Grey is repeated in three channels.
 
     Raises ValueError for an array of another shape, and for pixels that are NaN or infinite.
     """
@@ -728,7 +787,7 @@ def _three_channels(image: NDArray[Any]) -> NDArray[Any]:
         image = image[..., None]
     if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4) or image.size == 0:
         raise ValueError(f"found an array of shape {image.shape}, expected (H, W, 3)")
-    three = np.repeat(image[..., :1], 3, axis=2) if image.shape[2] < 3 else image[..., :3]
+    three = np.repeat(image[..., :1], 3, axis=2) if image.shape[2] < 3 else image[..., : 4 if alpha else 3]
     broken = np.count_nonzero(~np.isfinite(three).all(axis=-1))
     if broken:
         raise ValueError(f"{broken} of its {three.shape[0] * three.shape[1]} pixels are NaN or infinite")

@@ -19,6 +19,8 @@ from glpath.system.npz import check_unfolded
 from glpath.system.time_limit import check_time
 
 _LONGEST_HEADER = 1 << 16
+# Number of values of each header line that changes colours.
+_COUNTS = {b"EXPOSURE": 1, b"COLORCORR": 3, b"PRIMARIES": 8}
 _RESOLUTION = re.compile(rb"([-+][XY]) (\d{1,9}) ([-+][XY]) (\d{1,9})\n?")
 # Minimum width in pixels of run-length encoded lines. Narrower lines are always stored flat.
 _MIN_ENCODED = 8
@@ -36,19 +38,22 @@ class Header(NamedTuple):
 
     size     : (width, height), pixels
     flips    : two bool: True if columns run from right to left, and True if rows run from bottom to top
-    exposure : factor by which the stored values were multiplied
+    exposure : factors of red, green and blue by which the stored values were multiplied
+    primaries : chromaticities x and y of red, green, blue and white; None if the header has none
     """
 
     size: tuple[int, int]
     flips: tuple[bool, bool]
-    exposure: float
+    exposure: tuple[float, float, float]
+    primaries: tuple[float, ...] | None
 
 
 def read_header(file: BinaryIO) -> Header:
     """Read the header of an open file and stop at the start of the pixels. Raises ValueError."""
     if not file.readline(80).startswith(b"#?"):
         raise ValueError("it does not begin with #?RADIANCE")
-    exposure, read = 1.0, 0
+    exposure, read = (1.0, 1.0, 1.0), 0
+    primaries: tuple[float, ...] | None = None
     while (line := file.readline(_LONGEST_HEADER)).strip():
         read += len(line)
         if read > _LONGEST_HEADER:
@@ -56,10 +61,18 @@ def read_header(file: BinaryIO) -> Header:
         key, _, value = line.strip().partition(b"=")
         if key == b"FORMAT" and value.strip() != b"32-bit_rle_rgbe":
             raise ValueError(f"its FORMAT is {value.decode('latin-1')}, expected 32-bit_rle_rgbe")
-        if key == b"EXPOSURE":
-            exposure *= float(value)
-    if not 0 < exposure < np.inf:
-        raise ValueError(f"its EXPOSURE is {exposure:g}")
+        if key in _COUNTS:
+            numbers = [float(word) for word in value.split()]
+            if len(numbers) != _COUNTS[key] or not np.isfinite(numbers).all():
+                raise ValueError(f"its {line.decode('latin-1').strip()[:80]} has not {_COUNTS[key]} finite numbers")
+            if key == b"PRIMARIES":
+                primaries = tuple(numbers)
+            else:
+                red, green, blue = numbers if len(numbers) == 3 else numbers * 3
+                exposure = exposure[0] * red, exposure[1] * green, exposure[2] * blue
+    for factor in exposure:
+        if not 0 < factor < np.inf:
+            raise ValueError(f"its EXPOSURE is {factor:g}")
     line = file.readline(80)
     found = _RESOLUTION.fullmatch(line)
     if found is None or found[1][1:] != b"Y" or found[3][1:] != b"X":
@@ -67,17 +80,22 @@ def read_header(file: BinaryIO) -> Header:
     width, height = int(found[4]), int(found[2])
     if not width * height:
         raise ValueError(f"it is {width} x {height} pixels")
-    return Header((width, height), (found[3][:1] == b"-", found[1][:1] == b"+"), exposure)
+    return Header((width, height), (found[3][:1] == b"-", found[1][:1] == b"+"), exposure, primaries)
 
 
-def read_rgbe(path: Path) -> NDArray[np.float32]:
-    """Read (h, w, 3) float32 linear RGB, row 0 at the top, divided by the header's exposure. Raises ValueError."""
+def read_rgbe(path: Path) -> tuple[NDArray[np.float32], tuple[float, ...] | None]:
+    """Read the colours of a file, and the primaries that its header states, as in `Header`. Raises ValueError.
+
+    Colours are (h, w, 3) float32 linear RGB, row 0 at the top, divided by EXPOSURE and COLORCORR of the header.
+    """
     with open_file(path) as file:
         header = read_header(file)
         data = file.read()
     width, height = header.size
     check_unfolded(4 * width * height, len(data), _PIXEL_BYTES * width * height)
     colours = np.empty((height, width, 3), np.float32)
+    exposure = np.float32(header.exposure[0])
+    balance = np.float32(header.exposure) / exposure
     rows = max(_ROWS, _BLOCK_PIXELS // width)
     pixels = np.empty((rows, width, 4), np.uint8)
     position = 0
@@ -90,11 +108,13 @@ def read_rgbe(path: Path) -> NDArray[np.float32]:
         else:
             for row in block:
                 position = _read_line(data, position, row)
-        scale = np.ldexp(np.float32(1.0), block[..., 3].astype(np.int32) - 136) / np.float32(header.exposure)
+        scale = np.ldexp(np.float32(1.0), block[..., 3].astype(np.int32) - 136) / exposure
         scale[block[..., 3] == 0] = 0.0
         np.multiply(block[..., :3], scale[..., None], out=colours[top : top + rows], dtype=np.float32)
+    if (balance != 1).any():
+        colours /= balance
     left, upwards = header.flips
-    return np.ascontiguousarray(colours[:: -1 if upwards else 1, :: -1 if left else 1])
+    return np.ascontiguousarray(colours[:: -1 if upwards else 1, :: -1 if left else 1]), header.primaries
 
 
 def _is_plain(data: bytes, position: int, shape: tuple[int, ...]) -> bool:

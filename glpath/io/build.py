@@ -20,7 +20,7 @@ from glpath.io import description, lights, materials, motion, transform
 from glpath.io.assets import Assets
 from glpath.io.completed import is_aside
 from glpath.io.description import AnyMaterial, AnyShape, SceneFile
-from glpath.io.meshes import inline_mesh, read_mesh
+from glpath.io.meshes import UV_GAPS, has_uv_gaps, inline_mesh, read_mesh, without_uv_gaps
 from glpath.io.patches import patch_surface
 from glpath.io.streams import Chunks, NpyTriangles, stream_of
 from glpath.io.values import LARGEST, SMALLEST, light, unit, unknown
@@ -302,7 +302,7 @@ def _mesh(
     mirrored : True if the transform swaps fronts and backs
     ready    : mesh that is already in memory, or None
     known    : cache of meshes, so that shapes of one file share one mesh. A key is the path or the mesh object,
-               `textured`, and True if the winding is flipped
+               `textured`, and True if the winding is flipped. The path as text stands for the mesh as read
     """
     reverse = given.flip_normals != mirrored
     match given:
@@ -317,10 +317,13 @@ def _mesh(
             return known[ready, textured, reverse]
         case description.Mesh(file=str(name)) if _only_a_file(given):
             path = folder / name
-            if (path, False, False) not in known:  # read only once, so that warnings are given only once
-                known[path, False, False] = _finished(read_mesh(path, location.field("file")), False, False)
+            if (str(path), False, False) not in known:  # read only once, so that warnings are given only once
+                known[str(path), False, False] = read_mesh(path, location.field("file")).without_unused_vertices()
             if (path, textured, reverse) not in known:
-                known[path, textured, reverse] = _finished(known[path, False, False], textured, reverse)
+                mesh = known[str(path), False, False]
+                if textured and has_uv_gaps(mesh):
+                    warn(f"{path}: not used: {UV_GAPS}")
+                known[path, textured, reverse] = _finished(without_uv_gaps(mesh), textured, reverse)
             return known[path, textured, reverse]
         case _:
             mesh = _inline_mesh(given, location)

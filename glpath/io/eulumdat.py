@@ -85,12 +85,10 @@ class _Reader:
         self._line = 0  # number of the line read last
 
     def profile(self) -> LightProfile:
-        kind, symmetry = self._whole(_TYPE, "the type", 0, 3), self._whole(_SYMMETRY, "the symmetry", 0, 4)
+        self._whole(_TYPE, "the type", 0, 3)  # some makers write 1, point source, beside any symmetry
+        symmetry = self._whole(_SYMMETRY, "the symmetry", 0, 4)
         planes = self._whole(_PLANES, "the number of planes of C", 1, MAX_ANGLES)
         gammas = self._whole(_GAMMAS, "the number of angles gamma", 2, MAX_ANGLES)
-        if kind == 1 and symmetry != 1:
-            self._line = _SYMMETRY
-            self._wrong(f"symmetry {symmetry}, but line 2 has type 1, which is alike all around (symmetry 1)")
         if planes * gammas > MAX_VALUES:
             self._wrong(f"{planes} x {gammas} intensities, more than {MAX_VALUES:,}")
         ratio = self._optional(_OUTPUT_RATIO, "the light output ratio")

@@ -6,16 +6,17 @@ Only type C photometry is read; nearly all luminaires have it.
     [TEST] ...                 lines of text; in files before 1991 without brackets
     TILT=NONE
     1 1000 1.0 3 1 1 2 0 0 0   lamps, lumens, multiplier, numbers of gamma and C angles, type, unit, three lengths
-    1.0 1.0 50                 ballast factor, ballast lamp factor (or reserved), watts
+    1.0 1.0 50                 ballast factor, ballast lamp factor (see below), watts
     0 45 90                    gamma angles
     0                          C angles: 0 alone, or 0 to 90, 180 or 360; symmetry gives the other planes
     1000 700 0                 candela for each C, one value per gamma
 
-Intensity is the value times the multiplier, the ballast factor and the ballast lamp factor. The size of the
+Intensity is the value times the multiplier, the ballast factor and, up to 1995, the ballast lamp factor. The 2002
+format reserves that number, and in the 2019 format it is the file generation type, such as 1.10000. The size of the
 luminaire is ignored, because it is treated as a point. Commas may separate numbers, and lines may break between any
 two numbers.
 
-Source:   ANSI/IESNA LM-63-02; Radiance's ies2rad for the variants that occur in practice.
+Source:   ANSI/IESNA LM-63-02; ANSI/IES LM-63-19; Radiance's ies2rad for the variants that occur in practice.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ from glpath.scene.profile import LightProfile
 from glpath.scene.source_location import SourceLocation
 from glpath.system.numerals import real
 
+# Starts of the line that names a format without ballast lamp factor.
+_WITHOUT_LAMP_FACTOR = ("IESNA:LM-63-2002", "IES:LM-63-")
 _TYPES = {"1": "C", "2": "B", "3": "A"}
 # Allowed first and last C angles, degrees.
 _SPANS = ((0.0, 90.0), (0.0, 180.0), (0.0, 360.0), (90.0, 270.0))
@@ -69,6 +72,9 @@ class _Reader:
 
     def profile(self) -> LightProfile:
         tilt = self._tilt()
+        has_lamp_factor = not any(
+            line.strip().upper().startswith(_WITHOUT_LAMP_FACTOR) for line in self._lines[: self._line]
+        )
         for number, line in enumerate(self._lines[self._line :], self._line + 1):
             self._numbers += [(word, number) for word in line.replace(",", " ").split()]
             self._has_commas |= re.search(r"\d,\d", line) is not None
@@ -90,7 +96,11 @@ class _Reader:
             self._wrong("a unit that is neither 1, feet, nor 2, metres")
         for name in ("width", "length", "height"):
             self._number(f"the {name} of the luminaire")
-        factor *= self._factor("the ballast factor") * self._factor("the ballast lamp factor")
+        factor *= self._factor("the ballast factor")
+        if has_lamp_factor:
+            factor *= self._factor("the ballast lamp factor")
+        else:
+            self._number("the file generation type")
         self._number("the input watts")
         gamma = self._angles("gamma", rows)
         if not (gamma[0] >= 0 and gamma[-1] <= 180):

@@ -17,7 +17,7 @@ from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
 from glpath.errors import warn
-from glpath.film.image import encode_srgb, read_eight_bits, read_image
+from glpath.film.image import encode_srgb, read_eight_bits, read_texture
 from glpath.io import description
 from glpath.io.description import (
     MAX_TEXTURE_PIXELS,
@@ -251,7 +251,7 @@ def _texture(
 
 def _as_stored(path: Path, colours: bool) -> Float64 | NDArray[np.uint8]:
     eight_bits = read_eight_bits(path)
-    return read_image(path, colours) if eight_bits is None else eight_bits
+    return read_texture(path, colours) if eight_bits is None else eight_bits
 
 
 def _picture(

@@ -11,7 +11,7 @@ from glpath.errors import encodable, warn
 from glpath.io.from_trimesh import surface_of_colours
 from glpath.io.gltf import Model
 from glpath.io.gltf.surfaces import Surface
-from glpath.io.meshes import MeshFile, has_uv_gaps, read_mesh_file, which, without_uv_gaps
+from glpath.io.meshes import UV_GAPS, MeshFile, has_uv_gaps, read_mesh_file, which, without_uv_gaps
 from glpath.io.mtl import Library
 from glpath.io.pictures import Pictures
 from glpath.io.values import LARGEST
@@ -33,7 +33,7 @@ def read_mesh_model(path: Path, location: SourceLocation) -> Model:
     Raises SceneError for a file that is missing, broken or without triangles, and for faces that name missing
     vertices. Warns of triangles without area.
     """
-    file = read_mesh_file(path, location, colours=True)
+    file = read_mesh_file(path, location, colours=True, smooth=True)
     return _Reader(path, location, file).model()
 
 
@@ -114,7 +114,7 @@ class _Reader:
             return surface
         if mesh.uv is not None:
             if has_uv_gaps(mesh):
-                self.notes["Textures of faces without texture coordinates: each shows one of its texels."] = None
+                self.notes[UV_GAPS] = None
             return surface
         self.notes["Textures of faces without texture coordinates."] = None
         material = replace(surface.material, **dict.fromkeys(surface.material.slots))  # type: ignore[arg-type]

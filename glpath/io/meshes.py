@@ -2,7 +2,7 @@
 
 A shape of a scene uses the geometry, the texture coordinates and the vertex normals of its mesh file. It does not
 use the materials, colours and pictures in the file, and a SceneWarning reports this; `mesh_models` uses them.
-Missing normals are not computed.
+Missing normals are computed only for faces in smoothing groups of an OBJ.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ from glpath.system.time_limit import named_work
 FORMATS = (".obj", ".ply", ".stl", ".off")
 #: Names of the formats for messages: "OBJ, PLY, STL or OFF".
 NAMES = " or ".join(", ".join(suffix[1:].upper() for suffix in FORMATS).rsplit(", ", 1))
+#: Note on textures of meshes with faces without texture coordinates.
+UV_GAPS = "Textures of faces without texture coordinates: each shows one of its texels."
 #: Keys of a dictionary that hold the geometry of a mesh.
 MESH_KEYS = ("mesh", "vertices", "faces", "uv")
 
@@ -165,17 +167,32 @@ def mesh_of_arrays(
 
 
 def read_mesh(path: Path, location: SourceLocation) -> Mesh:
-    """Return the mesh of a file, with texture coordinates and normals if the file has them for all faces.
+    """Return the mesh of a file. Texture coordinates are NaN, and normals zero, for faces without them.
 
     location : location in the scene that names the file
 
     Raises SceneError for a file that is missing, of another format, broken, or without triangles, and for faces
     that name missing vertices. Warns of colours and materials in the file, which are not used.
     """
-    file = read_mesh_file(path, location, colours=False)
+    file = read_mesh_file(path, location, colours=False, smooth=True)
     _warn_of_what_is_dropped(path, file)
-    mesh = Mesh.joined(file.meshes)
-    return replace(mesh, uv=None) if has_uv_gaps(mesh) else mesh
+    return Mesh.joined(_with_equal_attributes(file.meshes))
+
+
+def _with_equal_attributes(meshes: list[Mesh]) -> list[Mesh]:
+    """Return the meshes with uv NaN and with normals zero, if they lack them but others have them."""
+    has_uv, has_normals = (
+        any(mesh.uv is not None for mesh in meshes),
+        any(mesh.normals is not None for mesh in meshes),
+    )
+    return [
+        replace(
+            mesh,
+            uv=np.full((len(mesh.vertices), 2), np.nan) if has_uv and mesh.uv is None else mesh.uv,
+            normals=np.zeros((len(mesh.vertices), 3)) if has_normals and mesh.normals is None else mesh.normals,
+        )
+        for mesh in meshes
+    ]
 
 
 def has_uv_gaps(mesh: Mesh) -> bool:
@@ -210,10 +227,11 @@ class MeshFile:
     single: bool = False
 
 
-def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> MeshFile:
+def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool, smooth: bool = False) -> MeshFile:
     """Return the contents of a file. `location` and errors are those of `read_mesh`.
 
     colours : True reads colours, and turns the points or lines of a file without faces into meshes
+    smooth  : True computes the missing normals of faces in smoothing groups of an OBJ
     """
     if path.suffix.lower() not in FORMATS:
         raise location.wrong(
@@ -226,7 +244,7 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool) -> Me
         )
     try:
         with named_work(f"reading {path.name}"):
-            file = _parse(path, colours)
+            file = _parse(path, colours, smooth)
     except (GlpathError, SceneWarning):
         raise
     except Exception as error:  # parsers may raise anything for a damaged file
@@ -263,12 +281,12 @@ def _of_each(values: Any, mesh: Any, width: int) -> Float64 | None:
     return np.array(values, np.float64)
 
 
-def _parse(path: Path, colours: bool) -> MeshFile:
+def _parse(path: Path, colours: bool, smooth: bool) -> MeshFile:
     suffix, content = path.suffix.lower(), read_bytes(path)
     if suffix == ".ply":
         return _ply(content, path, colours)
     if suffix == ".obj":
-        return _obj(obj.read_obj(content, str(path)), path, colours)
+        return _obj(obj.read_obj(content, str(path), smooth=smooth), path, colours)
     if suffix == ".off":
         mesh, has_colours = read_off(content, str(path))
         meshes = [mesh] if len(mesh.faces) else []

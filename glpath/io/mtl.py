@@ -6,15 +6,18 @@ Colours are linear, as Blender writes them. The statements are translated as fol
                           the Kd of a file are from 0 to 255, they are divided by 255, and so are Ks, Ke and Tf if
                           any of their values is above 1
     Ks Ns                 gloss, see `phong`; with illum 3, 5 or 8, Ks is the reflectance of a mirror
-    Pr Pm Pc Pcr aniso    roughness, metallic, clearcoat and its roughness, anisotropy. Pr, Pm and their maps
-                          replace Ks and Ns; map_Pr and map_Pm multiply Pr and Pm
+    Pr Pm                 roughness and metallic, which replace Ks and Ns; map_Pr and map_Pm multiply them
+    Pc Pcr Ps aniso       clearcoat and its roughness, sheen, anisotropy, over Ks and Ns or over Pr and Pm
     d, or Tr, map_d       opacity, blended; a surface of opacity 0 counts as opaque, with a note
     illum 6, 7            refracting glass of index Ni and colour Tf. It is always smooth, as in the ray tracers for
                           which these modes were made
     illum 4, 9            glass as for illum 6, but without refraction, if d < 1 or Tf is neither 0 nor 1. Otherwise
                           the surface is opaque, because Maya writes illum 4 and Tf 1 for opaque paint
     Ke map_Ke             emission, W sr^-1 m^-2
-    norm, map_Bump        normal map; a grey map_Bump is a height map, which is not used
+    norm, map_Bump        normal map; a map_Bump that does not hold normals is a height map, which is not used
+
+EXR and float TIFF files hold linear colours. As other maps, such as of roughness or normals, their values are used
+as they are.
 
 Source: Wavefront, MTL material format (1995); the PBR extension of tinyobjloader and Blender.
 """
@@ -45,7 +48,7 @@ MAX_BYTES = 2**28
 # Maximum number of MTL files of a model; more are ignored, with a note. Each missing file costs a search through
 # the model's folder and its subfolders.
 _MAX_LIBRARIES = 100
-_SHORT = {"bump": "map_bump", "map_normal": "norm", "map_kn": "norm", "map_tr": "map_d"}
+_SHORT = {"bump": "map_bump", "map_normal": "norm", "map_kn": "norm", "map_tr": "map_d", "map_disp": "disp"}
 # Number of arguments of each texture option; -o, -s and -t are missing, because they have one to three numbers.
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2, "-texres": 1}
 _OPTIONS |= {"-bm": 1, "-type": 1}
@@ -59,9 +62,19 @@ _TRAILING_OPTIONS = re.compile(
 # Maximum Kd that counts as a fraction; some programs write fractions a little above 1. A larger Kd means that the
 # colours of the file are from 0 to 255.
 _MAX_FRACTION = 2.0
-_UNUSED_MAPS = (
-    "map_ks", "map_ns", "map_ps", "map_pc", "map_pcr", "map_aniso", "map_anisor", "disp", "decal", "refl",
-)  # fmt: skip
+_MAPS = ("map_kd", "map_d", "map_ke", "norm", "map_bump", "map_pr", "map_pm")
+# Statements of textures whose names do not begin with "map_", and that are not used.
+_UNUSED_MAPS = ("disp", "decal", "refl")
+# Statements that begin with "map_", but name no texture.
+_NO_MAPS = ("map_aat",)
+# Maximum number of notes after which unknown textures get no more notes.
+_MAX_NOTES = 100
+# Sheen has this roughness, because MTL states none; it is the default of scene files.
+_SHEEN_ROUGHNESS = 0.5
+# Minimum mean of blue, and range of median lengths of the vectors, of a picture that holds normals.
+_MIN_BLUE, _NORMAL_LENGTHS = 0.7, (0.8, 1.2)
+# Approximate number of pixels that show whether a picture holds normals.
+_SAMPLED_PIXELS = 1 << 16
 # Index of a channel in a picture by its name in -imfchan.
 _CHANNELS = {"r": 0, "g": 1, "b": 2, "m": 3}
 _MIRRORS, _GLASS, _REFRACTS = (3, 5, 8), (4, 6, 7, 9), (6, 7)
@@ -104,7 +117,7 @@ class Library:
     _written: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     _commented: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     _numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
-    _grey: dict[int, bool] = field(default_factory=dict)
+    _checks: dict[tuple[int, object], bool] = field(default_factory=dict)
     _count: int = 0
     pictures: Pictures = field(init=False)
 
@@ -197,11 +210,12 @@ class Library:
             self._numbers[key] = len(self.textures) - 1
         return TextureSlot(self._numbers[key], 0, given.matrix)
 
-    def is_grey(self, image: Image) -> bool:
-        """Return True if all colours of a picture are grey; each picture is checked once."""
-        if id(image) not in self._grey:
-            self._grey[id(image)] = not np.ptp(_bytes(image)[..., :3], axis=2).any()
-        return self._grey[id(image)]
+    def check(self, image: Image, check: Callable[[Image], bool]) -> bool:
+        """Return the result of a check of a picture, which is made once for each picture."""
+        key = (id(image), check)
+        if key not in self._checks:
+            self._checks[key] = check(image)
+        return self._checks[key]
 
     def _note(self, text: str) -> None:
         self.notes[text] = None
@@ -214,9 +228,7 @@ class _Reader:
     written: dict[str, list[str]]
 
     def surface(self) -> Surface:
-        maps = {
-            key: self._map(key) for key in ("map_kd", "map_d", "map_ke", "norm", "map_bump", "map_pr", "map_pm")
-        }
+        maps = {key: self._map(key) for key in _MAPS}
         base, alpha = maps["map_kd"], maps["map_d"]
         diffuse = self._tint("kd", 1.0 if base is not None else 0.8)
         specular = self._colour("ks", 0.0)
@@ -238,19 +250,19 @@ class _Reader:
             # Some programs write transparency as d, and an invisible surface is never intended.
             self.library.notes["d of 0, by which a surface would not be there: it is opaque."] = None
             opacity = 1.0
+        if layers := self._layers():
+            if "roughness" not in fields:
+                fields |= {"roughness": 1.0, "specular_weight": 0.0}  # a matte surface with layers
+            fields |= layers
         texture = self._base_slot(base, alpha)
         emission = np.maximum(self._tint("ke", 1.0 if maps["map_ke"] is not None else 0.0, limited=False), 0.0)
-        if self._number("ps", 0.0) > 0:
-            self.library.notes["Ps, the sheen of cloth."] = None
-        for key in _UNUSED_MAPS if "map_kd" in self.written else ("map_ka", *_UNUSED_MAPS):
-            if key in self.written:
-                self.library.notes[f"Textures of {key}."] = None
+        self._note_unused_maps()
         material = Material(
             name=self.name,
             texture=texture,
             opacity=opacity,
             alpha="blend" if opacity < 1 or alpha is not None else "opaque",
-            emission_texture=self._slot(maps["map_ke"], srgb=True) if emission.any() else None,
+            emission_texture=self._slot(maps["map_ke"], is_light=True) if emission.any() else None,
             **self._normal(maps["norm"], maps["map_bump"]),
             **fields,
         )
@@ -261,10 +273,6 @@ class _Reader:
             "reflectance": base,
             "roughness": self._share("pr", 1.0 if rough is not None else 0.5),
             "metallic": self._share("pm", 1.0 if metal is not None else 0.0),
-            "clearcoat": self._share("pc", 0.0),
-            "clearcoat_roughness": self._share("pcr", 0.0),
-            "anisotropy": self._share("aniso", 0.0),
-            "anisotropy_angle": 360.0 * self._number("anisor", 0.0),
         }
         given = rough or metal
         if given is not None:
@@ -282,6 +290,26 @@ class _Reader:
             key = ("surface", *parts)
             fields["surface_texture"] = self.library.slot(key, packed, given, False, 3 * height * width)
         return fields
+
+    def _layers(self) -> dict[str, Any]:
+        """Return fields of a `Material` for clearcoat, sheen and anisotropy; empty if the material has none."""
+        coat, sheen, anisotropy = (self._share(key, 0.0) for key in ("pc", "ps", "aniso"))
+        fields: dict[str, Any] = {}
+        if coat:
+            fields |= {"clearcoat": coat, "clearcoat_roughness": self._share("pcr", 0.0)}
+        if sheen:
+            fields |= {"sheen": np.full(3, sheen), "sheen_roughness": _SHEEN_ROUGHNESS}
+        if anisotropy:
+            fields |= {"anisotropy": anisotropy, "anisotropy_angle": 360.0 * self._number("anisor", 0.0)}
+        return fields
+
+    def _note_unused_maps(self) -> None:
+        for key in self.written:
+            if key == "map_ka" and "map_kd" in self.written:
+                continue  # it usually repeats map_Kd
+            is_map = key in _UNUSED_MAPS or (key.startswith("map_") and key not in (*_MAPS, *_NO_MAPS))
+            if is_map and len(self.library.notes) < _MAX_NOTES:
+                self.library.notes[f"Textures of {key[:40]}."] = None
 
     def _opacity(self) -> float:
         values = [word for word in self.written.get("d", []) if word != "-halo"]
@@ -318,7 +346,7 @@ class _Reader:
             return None
         if alpha is None:
             assert base is not None
-            return self._slot(base, srgb=True)
+            return self._slot(base)
         given = base or alpha
         height, width = given.image.shape[:2]
 
@@ -338,20 +366,34 @@ class _Reader:
         given = norm or bump
         if given is None:
             return {}
-        if norm is None and self.library.is_grey(given.image):
+        if norm is not None and bump is not None and norm.image is not bump.image:
+            self.library.notes["Textures of map_bump beside norm."] = None
+        if norm is None and not self.library.check(given.image, _holds_normals):
             self.library.notes["Maps of heights (map_Bump); normal maps are used."] = None
             return {}
         return {
             "normal_texture": self.library.slot(
-                (id(given.image),), lambda: _bytes(given.image)[..., :3], given, False
+                (id(given.image), "data"), lambda: _data_bytes(given.image)[..., :3], given, False
             ),
             "normal_scale": given.multiplier,
         }
 
-    def _slot(self, given: _Map | None, *, srgb: bool) -> TextureSlot | None:
+    def _slot(self, given: _Map | None, *, is_light: bool = False) -> TextureSlot | None:
+        """Return the slot of a texture of colours, clipped with a note if they are out of range; None without one.
+
+        is_light : True if colours above 1 are in range
+        """
         if given is None:
             return None
-        return self.library.slot((id(given.image),), lambda: given.image[..., :3], given, srgb)
+        colours = given.image[..., :3]
+        if self.library.check(given.image, _is_light if is_light else _is_reflectance):
+            return self.library.slot((id(given.image),), lambda: colours, given, True)
+        self.library.notes[
+            f'Colours of "{given.name}" below 0{"" if is_light else " or above 1"}: they are clipped.'
+        ] = None
+        clipped = (id(given.image), is_light)
+        maximum = np.inf if is_light else 1.0
+        return self.library.slot(clipped, lambda: np.clip(colours, 0.0, maximum), given, True, colours.nbytes)
 
     def _same_slot(self, first: _Map | None, second: _Map | None, names: str) -> None:
         if first is not None and second is not None and not np.array_equal(first.matrix, second.matrix):
@@ -464,6 +506,7 @@ def _number(word: str, default: float) -> float:
 
 
 def _bytes(image: Image) -> NDArray[np.uint8]:
+    """Return the levels of colours; floats are encoded as sRGB."""
     if image.dtype == np.uint8:
         return np.asarray(image, np.uint8)
     from glpath.film.image import encode_srgb
@@ -471,9 +514,37 @@ def _bytes(image: Image) -> NDArray[np.uint8]:
     return np.asarray(encode_srgb(np.asarray(image, np.float64)) * 255 + 0.5, np.uint8)
 
 
+def _data_bytes(image: Image) -> NDArray[np.uint8]:
+    """Return the levels of values that are no colours; floats from 0 to 1 are scaled linearly."""
+    if image.dtype == np.uint8:
+        return np.asarray(image, np.uint8)
+    return np.asarray(np.clip(image, 0.0, 1.0) * 255 + 0.5, np.uint8)
+
+
+def _is_light(image: Image) -> bool:
+    """Return True if no colour of a picture is below 0."""
+    return image.dtype == np.uint8 or bool(image[..., :3].min() >= 0)
+
+
+def _is_reflectance(image: Image) -> bool:
+    """Return True if all colours of a picture are from 0 to 1."""
+    return image.dtype == np.uint8 or (_is_light(image) and bool(image[..., :3].max() <= 1))
+
+
+def _holds_normals(image: Image) -> bool:
+    """Return True if the colours of a picture look like normals n that are stored as (n + 1) / 2."""
+    step = max(1, math.isqrt(image.shape[0] * image.shape[1] // _SAMPLED_PIXELS))
+    stored = _data_bytes(image[::step, ::step, :3])
+    lengths = np.linalg.norm(stored / 127.5 - 1.0, axis=2)
+    shortest, longest = _NORMAL_LENGTHS
+    has_colours = bool(np.ptp(stored, axis=2).any())
+    is_blue = bool(stored[..., 2].mean() > 255 * _MIN_BLUE)
+    return has_colours and is_blue and shortest <= float(np.median(lengths)) <= longest
+
+
 def _grey(given: _Map) -> NDArray[np.uint8]:
     """Return one channel (h, w) of a map: the channel that -imfchan names, otherwise the mean of the colours."""
-    image = _bytes(given.image)
+    image = _data_bytes(given.image)
     if given.index < image.shape[2]:
         return np.ascontiguousarray(image[..., given.index])
     # Six times the rounded mean, in integers of 16 bits, because floats would take eight times the memory.
@@ -485,7 +556,7 @@ def _grey(given: _Map) -> NDArray[np.uint8]:
 
 def _alpha(given: _Map) -> NDArray[np.uint8]:
     """Return the opacity (h, w) of a map: its alpha, unless -imfchan is given; otherwise its grey values."""
-    image = _bytes(given.image)
+    image = _data_bytes(given.image)
     if given.channel is None and image.shape[2] == 4:
         return np.ascontiguousarray(image[..., 3])
     return _grey(given)

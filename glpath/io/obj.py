@@ -2,7 +2,8 @@
 
 Indices count from 1, or backwards from the last vertex so far if they are negative. The module `text` has the rules
 for lines and comments. Normals, texture coordinates and vertices that are NaN or infinite are left out, and so are
-faces with such a vertex. One warning reports all of these.
+faces with such a vertex. One warning reports all of these. Faces of a smoothing group get smooth normals, if these
+are requested and the file has none for them.
 
 Source: Wavefront's Advanced Visualizer manual, appendix B1 (Object Files).
 """
@@ -24,6 +25,7 @@ from glpath.io.polygons import split_finite
 from glpath.io.stored_colours import fractions
 from glpath.io.text import decoded, parse_lines, parse_numbers, statements
 from glpath.io.values import MAX_PARTS, finite_rows
+from glpath.scene.geometry import unit_normals
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.numerals import whole
 from glpath.system.time_limit import check_time
@@ -34,7 +36,8 @@ Int64 = NDArray[np.int64]
 _NAMES = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}
 _PLURALS = {"v": "vertices", "vt": "texture coordinates", "vn": "normals"}
 _FACES = ("f", "fo")  # "fo" is an older name of "f"
-_UNUSED = {"curv": "curves", "curv2": "trimming curves", "surf": "surfaces"}
+_FLAT = ("off", "0")  # smoothing groups of faces without smoothing
+_UNUSED = {"curv": "curves", "curv2": "trimming curves", "surf": "surfaces", "usemap": "texture maps of usemap"}
 _MRGB = re.compile(rb"^#MRGB[ \t]+((?:[0-9a-fA-F]{8})+)[ \t]*\r?$", re.MULTILINE)
 _DIGITS = b"0123456789"
 # Maximum ratio of the file's vertices to a part's corners at which the part's vertices are found by a table with an
@@ -122,10 +125,11 @@ class _Rows:
         return parse_lines(texts, self.lines, source).reshape(-1, width)
 
 
-def read_obj(content: bytes, source: str) -> ObjFile:
+def read_obj(content: bytes, source: str, *, smooth: bool = False) -> ObjFile:
     """Return the contents of a file.
 
     source : name of the file, for errors
+    smooth : True to compute the missing normals of faces in smoothing groups
 
     Raises SceneError with the line for an index that does not exist, and for a word that is not a number.
     """
@@ -133,6 +137,8 @@ def read_obj(content: bytes, source: str) -> ObjFile:
     face_texts: list[str] = []
     sizes: list[int] = []
     used: list[tuple[int, int]] = [(0, -1)]  # number of faces before a usemtl, and its material
+    smoothing: list[tuple[int, int]] = [(0, 0)]  # number of faces before an s, and its group; 0 is none
+    smoothing_groups: dict[str, int] = {}
     drawn: list[tuple[int, int, int]] = []  # vertices at the ends of a segment, and line number
     materials: dict[str, int] = {}
     libraries: dict[str, None] = {}
@@ -160,9 +166,13 @@ def read_obj(content: bytes, source: str) -> ObjFile:
                 raise SourceLocation(source, f"line {number}").error(
                     f"names a material after {MAX_PARTS:,} others; no more are read.", "Join materials."
                 )
+        elif kind == "s" and values:
+            word = values[0].lower()
+            group = 0 if word in _FLAT else smoothing_groups.setdefault(word, len(smoothing_groups) + 1)
+            smoothing.append((len(sizes), group))
         elif kind == "mtllib":
             libraries[" ".join(values)] = None
-        elif kind == "p" or kind in _UNUSED:
+        elif kind == "p" or (kind in _UNUSED and values != ["off"]):
             unused[kind] += 1
     check_time()
     tables = _Tables(*(each.table(source) for each in rows.values()))
@@ -178,8 +188,9 @@ def read_obj(content: bytes, source: str) -> ObjFile:
     for row, column in np.argwhere((lines[:, :2] < 1) | (lines[:, :2] > len(tables.v)))[:1]:
         location = SourceLocation(source, f"line {lines[row, 2]}")
         raise _no_such(location, "v", str(lines[row, column]), len(tables.v))
-    starts, numbers = (np.array(each, np.int64) for each in zip(*used, strict=True))
-    material_of = np.repeat(numbers, np.diff(starts, append=len(sizes)))
+    material_of = _of_faces(used, len(sizes))
+    if smooth and smoothing_groups:
+        tables = _with_smooth_normals(tables, corners, np.array(sizes, np.int64), _of_faces(smoothing, len(sizes)))
     colours, guess = _colours(tables.v)
     if sizes:
         left_out["lines beside faces"] = len(lines)
@@ -195,6 +206,48 @@ def read_obj(content: bytes, source: str) -> ObjFile:
         guess,
         lines[:, :2] - 1,
     )
+
+
+def _of_faces(changes: list[tuple[int, int]], count: int) -> Int64:
+    """Return the (count,) number of each face. A change is the number of faces before it, and the new number."""
+    starts, numbers = (np.array(each, np.int64) for each in zip(*changes, strict=True))
+    return np.repeat(numbers, np.diff(starts, append=count))
+
+
+def _with_smooth_normals(tables: _Tables, corners: Int64, sizes: Int64, groups: Int64) -> _Tables:
+    """Return the tables with normals for corners of smoothing groups; `corners` gets their indices.
+
+    The normal of a vertex is the mean of the normals of the group's faces around it, weighted by their areas.
+    Corners keep the normals that the file gives.
+
+    sizes, groups : (F,) number of corners, and smoothing group or 0, of each face
+    """
+    of = np.repeat(np.arange(len(sizes)), sizes)
+    is_smooth = groups[of] > 0
+    if not (is_smooth & (corners[:, 2] < 0)).any():
+        return tables
+    positions = tables.v[corners[:, 0], :3]
+    # The sum of the cross products of a polygon's edges, as seen from its first corner, is twice its area vector.
+    ends = np.cumsum(sizes)
+    following = np.arange(1, len(of) + 1)
+    following[ends[sizes > 0] - 1] = (ends - sizes)[sizes > 0]
+    origin = positions[(ends - sizes)[of]]
+    with np.errstate(invalid="ignore", over="ignore"):
+        crosses = np.cross(positions - origin, positions[following] - origin)
+        areas = _sums(of, crosses, len(sizes))
+    areas[~np.isfinite(areas).all(axis=1)] = 0.0
+    check_time()
+    keys = corners[is_smooth, 0] * (groups.max() + 1) + groups[of[is_smooth]]
+    _, rows = np.unique(keys, return_inverse=True)
+    normals = _sums(rows, areas[of[is_smooth]], int(rows.max()) + 1)
+    index = len(tables.vn) + rows
+    corners[is_smooth, 2] = np.where(corners[is_smooth, 2] < 0, index, corners[is_smooth, 2])
+    return tables._replace(vn=np.concatenate([tables.vn[:, :3], unit_normals(normals)]))
+
+
+def _sums(rows: Int64, vectors: Float64, count: int) -> Float64:
+    """Return the (count, 3) sums of the vectors (N, 3) that have the same row index."""
+    return np.stack([np.bincount(rows, column, count) for column in vectors.T], axis=1)
 
 
 def _polypaint(content: bytes) -> Float64:
@@ -271,6 +324,8 @@ def _corners(texts: list[str], sizes: list[int], source: str, content: bytes) ->
     ):
         if doubled == slashes and pattern == (between * count)[:-1]:
             numbers = parse_numbers(text.replace("/", " "))
+            if numbers.size != count * len(columns):  # a slash may end a corner
+                break
             corners[:, columns] = numbers.reshape(count, -1) - 1
             return corners
     known: dict[str, tuple[int, ...]] = {}

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError, ImageError, TimeLimitError
-from glpath.film.image import WEBP_HEAD, check_scans, picture_size, webp_size
-from glpath.film.image import read_image as read_float_image
+from glpath.film.image import WEBP_HEAD, check_scans, picture_size, read_texture, webp_size
 from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.system.files import check_file, reason_of
@@ -80,9 +79,9 @@ class Pictures:
         try:
             check_file(path)
             if path.suffix.lower() == ".exr":
-                size = picture_size(path)
+                size = picture_size(path, display=True)
                 self._check(path, size.width, size.height, 4 * size.channels, 4 * BYTE_PIXEL)
-                return read_float_image(path).astype(np.float32)
+                return read_texture(path, alpha=True).astype(np.float32)
             with path.open("rb") as file:
                 webp = webp_size(file.read(WEBP_HEAD))
             if webp is not None:

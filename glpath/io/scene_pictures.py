@@ -48,7 +48,7 @@ def stored_picture(
             nearby_files("Pictures", path, formats),
         )
     try:
-        width, height, channels, channel_bytes = picture_size(path)
+        width, height, channels, channel_bytes = picture_size(path, display=True)
         if max(width, height) > MAX_TEXTURE_SIDE or width * height > max_pixels:
             raise location.error(
                 f"names the picture {path} of {width:,} x {height:,} pixels, but {what} has at most "

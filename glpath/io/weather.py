@@ -39,7 +39,7 @@ TYPICAL_YEAR = 2023
 _MAX_BYTES = 2**24
 # Maximum number of lines of a file: a leap year of one-minute steps, and a head.
 _MAX_LINES = 527_040 + 100
-# Values from this one on mark missing irradiance, W m^-2.
+# Values at least as large mark missing irradiance, W m^-2: 9999 in EPW files, and -9900 in TMY3 files.
 _MISSING = 9000.0
 # Number of lines before the first hour of an EPW file.
 _EPW_HEAD = 8
@@ -391,7 +391,7 @@ def _irradiance(table: Any, name: str, source: str) -> Float64:
     if name not in table:
         raise SceneError(f"{source}: has no column of {name}.")
     found = _column(table, name, source)
-    found[~np.isfinite(found) | (found >= _MISSING)] = np.nan
+    found[~np.isfinite(found) | (np.abs(found) >= _MISSING)] = np.nan
     negative = np.flatnonzero(found < 0)
     lowest = float(np.nanmin(found, initial=0.0))
     if len(negative) and lowest >= _MIN_NOISE:

@@ -89,6 +89,30 @@ def test_exr_holds_float32_and_where_it_lies_and_what_it_means(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
+    ("window", "resolution", "expected"),
+    [
+        ((1, 1, 2, 1), (4, 3), [[0, 0, 0, 0], [0, 1, 2, 0], [0, 0, 0, 0]]),
+        ((-1, 0, 2, 1), (2, 1), [[2, 0]]),
+        ((0, 0, 2, 1), (2, 1), [[1, 2]]),
+        ((9, 9, 2, 1), (2, 1), [[0, 0]]),
+    ],
+    ids=["trimmed", "overscan", "same", "apart"],
+)
+def test_textures_have_the_display_window_of_an_exr(
+    tmp_path: Path, window: tuple[int, int, int, int], resolution: tuple[int, int], expected: list[list[int]]
+) -> None:
+    path = tmp_path / "a.exr"
+    pixels = np.repeat(np.array([[[1.0], [2.0]]]), 3, axis=2)
+    image.write_exr(path, pixels, window=window, full_resolution=resolution, alpha=np.ones((1, 2)))
+    assert image.read_texture(path)[..., 0].tolist() == expected
+    assert image.read_environment(path)[..., 2].tolist() == expected
+    assert (image.read_texture(path, alpha=True)[..., 3] > 0).tolist() == (np.array(expected) > 0).tolist()
+    assert image.read_image(path)[..., 0].tolist() == [[1, 2]]
+    size = image.picture_size(path, display=True)
+    assert (size.width, size.height) == (max(2, resolution[0]), resolution[1])
+
+
+@pytest.mark.parametrize(
     ("chromaticities", "red"),
     [
         ((0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290), (1.6605, -0.1246, -0.0182)),  # ITU-R BT.2087

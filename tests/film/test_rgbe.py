@@ -58,21 +58,37 @@ def test_every_way_of_writing_lines_is_read(tmp_path: Path, write, size: tuple[i
 def test_one_is_one_and_a_dark_exponent_is_black(tmp_path: Path) -> None:
     path = tmp_path / "a.hdr"
     path.write_bytes(HEAD + b"\n-Y 1 +X 3\n" + bytes([128, 64, 0, 129, 255, 255, 255, 0, 200, 0, 0, 140]))
-    np.testing.assert_array_equal(read_rgbe(path), [[[1, 0.5, 0], [0, 0, 0], [3200, 0, 0]]])
+    np.testing.assert_array_equal(read_rgbe(path)[0], [[[1, 0.5, 0], [0, 0, 0], [3200, 0, 0]]])
 
 
 @pytest.mark.parametrize(("order", "turned"), [(b"-Y 5 -X 40", np.s_[:, ::-1]), (b"+Y 5 +X 40", np.s_[::-1])])
 def test_rows_and_columns_go_as_the_header_says(tmp_path: Path, order: bytes, turned) -> None:
     rgbe = pixels()
     (tmp_path / "a.hdr").write_bytes(HEAD + b"\n" + order + b"\n" + run_lengths(rgbe))
-    assert np.array_equal(read_rgbe(tmp_path / "a.hdr"), colours(rgbe)[turned].astype(np.float32))
+    assert np.array_equal(read_rgbe(tmp_path / "a.hdr")[0], colours(rgbe)[turned].astype(np.float32))
 
 
 def test_the_exposures_of_the_header_are_undone(tmp_path: Path) -> None:
     rgbe = pixels()
     text = HEAD + b"EXPOSURE=4\nEXPOSURE= 0.5\n\n-Y 5 +X 40\n"
     (tmp_path / "a.hdr").write_bytes(text + run_lengths(rgbe))
-    np.testing.assert_allclose(read_rgbe(tmp_path / "a.hdr"), colours(rgbe) / 2, rtol=1e-6)
+    np.testing.assert_allclose(read_rgbe(tmp_path / "a.hdr")[0], colours(rgbe) / 2, rtol=1e-6)
+
+
+def test_the_colour_corrections_of_the_header_are_undone(tmp_path: Path) -> None:
+    rgbe = pixels()
+    text = HEAD + b"EXPOSURE=2\nCOLORCORR= 2 0.5 1\nCOLORCORR= 1 1 4\n\n-Y 5 +X 40\n"
+    (tmp_path / "a.hdr").write_bytes(text + run_lengths(rgbe))
+    np.testing.assert_allclose(read_image(tmp_path / "a.hdr"), colours(rgbe) / [4, 1, 8], rtol=1e-6)
+
+
+def test_the_primaries_of_the_header_are_converted(tmp_path: Path) -> None:
+    """Red of Display P3 is (1.2249, -0.0420, -0.0196) of Rec. 709, and white is white."""
+    text = HEAD + b"PRIMARIES= 0.680 0.320 0.265 0.690 0.150 0.060 0.3127 0.3290\n\n-Y 1 +X 2\n"
+    (tmp_path / "a.hdr").write_bytes(text + bytes([128, 0, 0, 129, 128, 128, 128, 129]))
+    np.testing.assert_allclose(
+        read_image(tmp_path / "a.hdr")[0], [[1.2249, -0.0420, -0.0196], [1, 1, 1]], atol=1e-4
+    )
 
 
 @pytest.mark.parametrize(
@@ -113,7 +129,7 @@ def test_many_narrow_lines_are_read_in_a_moment(repeated: bool, tmp_path: Path) 
         rgbe[-1, 1] = rgbe[-1, 0]
     (tmp_path / "a.hdr").write_bytes(HEAD + b"\n-Y 200000 +X 2\n" + content)
     start = time.process_time()
-    found = read_rgbe(tmp_path / "a.hdr")
+    found = read_rgbe(tmp_path / "a.hdr")[0]
     assert time.process_time() - start < 0.7
     np.testing.assert_array_equal(found, np.ldexp(rgbe[..., :3].astype(np.float32), 7 - 136))
 
@@ -123,4 +139,4 @@ def test_a_flat_line_may_stand_beside_encoded_ones(tmp_path: Path) -> None:
     rgbe[(rgbe[..., :3] == 1).all(axis=2) | (rgbe[..., :2] == 2).all(axis=2)] = 7
     lines = [rgbe[:2].tobytes(), run_lengths(rgbe[2:3]), repeats(rgbe[3:])]
     (tmp_path / "a.hdr").write_bytes(HEAD + b"\n-Y 4 +X 40\n" + b"".join(lines) + bytes(640))
-    np.testing.assert_array_equal(read_rgbe(tmp_path / "a.hdr"), colours(rgbe).astype(np.float32))
+    np.testing.assert_array_equal(read_rgbe(tmp_path / "a.hdr")[0], colours(rgbe).astype(np.float32))

@@ -17,7 +17,9 @@ from glpath import load_scene, read_image
 from glpath.cli.main import app
 from glpath.errors import ImageError, SceneError, SceneWarning
 from glpath.film.film import Film
-from glpath.io.obj import read_obj
+from glpath.io.load import scene_from_dict
+from glpath.io.obj import Part, read_obj
+from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Mesh, Scene
 from tests.conftest import MakeFilm
 from tests.support.damaged import bomb
@@ -136,6 +138,77 @@ def check_plate(scene: Scene) -> None:
 def test_obj_is_read_however_it_is_spelt(tmp_path: Path, spelling: str) -> None:
     (tmp_path / "plate.obj").write_bytes(SPELLINGS[spelling].encode("latin-1"))
     check_plate(plate(tmp_path / "plate.obj"))
+
+
+@pytest.mark.parametrize(("corner", "has_uv"), [("{0}/", False), ("{0}//", False), ("{0}/{0}/", True)])
+def test_a_slash_after_a_corner_adds_no_index(corner: str, has_uv: bool) -> None:
+    face = " ".join(corner.format(number) for number in (3, 1, 2))
+    text = f"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nvn 0 0 1\nvn 0 1 0\nvn 1 0 0\nf {face}\n"
+    (part,) = read_obj(text.encode(), "a.obj").parts
+    assert part.positions[part.faces[0]].tolist() == [[0, 1, 0], [0, 0, 0], [1, 0, 0]]
+    assert part.normals is None
+    assert (None if part.uv is None else part.uv[part.faces[0]].tolist()) == (
+        [[0, 1], [0, 0], [1, 0]] if has_uv else None
+    )
+
+
+# The quads of a box, outwards. Vertices are in the order of product((-x, x), (-y, y), (-z, z)).
+BOX = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
+
+
+def box(*groups: str) -> Part:
+    """The part of an OBJ box of half sizes 1, 2 and 3, with an s statement before the quads across each axis."""
+    rows = [f"v {x} {y} {z}" for x in (-1, 1) for y in (-2, 2) for z in (-3, 3)]
+    for axis, group in enumerate(groups):
+        rows += [f"s {group}", *(f"f {' '.join(map(str, face))}" for face in BOX[2 * axis : 2 * axis + 2])]
+    (part,) = read_obj("\n".join(rows).encode(), "a.obj", smooth=True).parts
+    return part
+
+
+def test_a_smoothing_group_has_the_mean_normals_of_its_faces_by_area() -> None:
+    """Faces across x, y and z have areas of 24, 12 and 8."""
+    part = box("1", "1", "1")
+    assert len(part.positions) == 8
+    assert part.normals is not None
+    expected = np.sign(part.positions) * [6, 3, 2] / 7
+    assert unit_normals(part.normals) == pytest.approx(expected)
+
+
+def test_smoothing_groups_do_not_mix_and_off_is_flat() -> None:
+    part = box("1", "2", "off")
+    assert part.normals is not None
+    corners = part.normals[part.faces].reshape(3, 4, 3, 3)  # axis, triangle, corner, component
+    assert np.abs(corners).round(12).tolist() == [[[[1, 0, 0]] * 3] * 4, [[[0, 1, 0]] * 3] * 4, [[[0] * 3] * 3] * 4]
+    assert box("off", "0", "OFF").normals is None
+
+
+def test_normals_of_a_file_stay_in_a_smoothing_group() -> None:
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 1 2 3\ns 1\nf 1//1 2//1 3//1\n"
+    (part,) = read_obj(text.encode(), "a.obj", smooth=True).parts
+    assert part.normals is not None
+    assert part.normals.tolist() == [[1, 2, 3]] * 3
+
+
+MIXED = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0.25 0.5\nvn 0 0.6 0.8\nusemtl a\nf 1/1/1 2/1/1 3/1/1\nusemtl b\nf 3 2 1\n"
+
+
+def test_a_mesh_keeps_uv_and_normals_of_the_faces_that_have_them(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(MIXED)
+    description = {
+        "camera": {"position": [0, 0, 5], "target": [0, 0, 0]},
+        "shapes": [{"type": "mesh", "file": "a.obj", "material": "floor"}],
+        "textures": {"tiles": {"type": "checker"}},
+        "materials": {"floor": {"texture": "tiles"}},
+    }
+    with pytest.warns(SceneWarning) as caught:
+        scene = scene_from_dict(description, folder=tmp_path)
+    mesh = scene.shapes[0].geometry
+    assert isinstance(mesh, Mesh)
+    assert mesh.uv is not None
+    assert mesh.uv[mesh.faces].tolist() == [[[0.25, 0.5]] * 3, [[0, 1]] * 3]
+    assert mesh.normals is not None
+    assert mesh.normals[mesh.faces].tolist() == [[[0, 0.6, 0.8]] * 3, [[0, 0, 0]] * 3]
+    assert sum("without texture coordinates: each shows one" in str(each.message) for each in caught) == 1
 
 
 @pytest.mark.parametrize(

@@ -42,8 +42,8 @@ GAMMA, C = np.arange(0.0, 181.0, 5.0), np.arange(0.0, 361.0, 15.0)
 
 @pytest.mark.parametrize(
     "head",
-    ["", "a lamp\nof 1986\n", "IESNA91\n[TEST] 1\n", "IESNA:LM-63-1995\n[OTHER] [MORE] x\n", "IES:LM-63-2019\n"],
-    ids=["bare", "1986", "1991", "1995", "2019"],
+    ["", "a lamp\nof 1986\n", "IESNA91\n[TEST] 1\n", "IESNA:LM-63-1995\n[OTHER] [MORE] x\n"],
+    ids=["bare", "1986", "1991", "1995"],
 )
 def test_every_years_form_is_read(head: str, tmp_path: Path) -> None:
     path = ies(tmp_path / "a.ies", GAMMA, C, web(C, GAMMA), head=head, factors=(2, 0.5, 0.25))
@@ -51,6 +51,14 @@ def test_every_years_form_is_read(head: str, tmp_path: Path) -> None:
     assert profile.gamma == (0, 180)
     assert profile.candela.shape == (24, 37)
     np.testing.assert_allclose(profile.candela, 0.25 * web(C, GAMMA)[:-1], rtol=1e-8)
+
+
+@pytest.mark.parametrize("head", ["IESNA:LM-63-2002\n", "IES:LM-63-2019\n[TEST] 1\n"], ids=["2002", "2019"])
+@pytest.mark.parametrize("second", [1.1, 1.11011, 0], ids=["accredited", "all-flags", "none"])
+def test_the_file_generation_type_is_no_factor(head: str, second: float, tmp_path: Path) -> None:
+    """LM-63-2019 writes 1.10000 for a file of an accredited laboratory; LM-63-2002 reserves the number."""
+    path = ies(tmp_path / "a.ies", GAMMA, C, web(C, GAMMA), head=head, factors=(2, 0.5, second))
+    np.testing.assert_allclose(read_profile(path, PLACE).candela, web(C, GAMMA)[:-1], rtol=1e-8)
 
 
 def test_numbers_may_be_parted_in_any_way(tmp_path: Path) -> None:

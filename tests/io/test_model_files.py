@@ -21,7 +21,7 @@ import glpath
 from glpath import load_scene
 from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning, UsageError
-from glpath.film.image import decode_srgb
+from glpath.film.image import decode_srgb, write_exr
 from glpath.io import scene_cameras, scene_parameters
 from glpath.io.completed import aside
 from glpath.io.mtl import Library, _Reader
@@ -458,7 +458,7 @@ def test_names_of_textures_are_as_they_are_written_or_in_quotes(tmp_path: Path, 
 
 
 def test_options_of_a_texture_may_follow_its_name(tmp_path: Path) -> None:
-    Image.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / "a  b.png")
+    Image.new("RGB", (2, 2), (128, 128, 255)).save(tmp_path / "a  b.png")
     options = "-s 2 3 1 -clamp on"
     (behind,) = quiet(square(tmp_path, f"newmtl m\nmap_Kd a  b.png {options}\nbump a  b.png -bm 0.5\n")).materials
     (before,) = quiet(square(tmp_path, f"newmtl m\nmap_Kd {options} a  b.png\nbump -bm 0.5 a  b.png\n")).materials
@@ -480,18 +480,80 @@ def test_options_of_a_texture_may_follow_its_name(tmp_path: Path) -> None:
         ("map_Kd -boost 0 a.png", ""),
         ("map_Kd a.png -cc on", "The option -cc of textures."),
         ("map_Kd -cc off a.png", ""),
-        ("Ps 0.5", "Ps, the sheen of cloth."),
-        ("Ps 0", ""),
         ("map_Ps a.png", "Textures of map_ps."),
         ("map_aniso a.png", "Textures of map_aniso."),
+        ("map_disp a.png", "Textures of disp."),
+        ("map_opacity a.png", "Textures of map_opacity."),
+        ("map_refl a.png", "Textures of map_refl."),
+        ("map_aat on", ""),
+        ("norm a.png\nmap_Bump b.png", "Textures of map_bump beside norm."),
+        ("norm a.png\nmap_Bump a.png", ""),
+        ("map_Bump a.png", "Maps of heights (map_Bump); normal maps are used."),
     ],
 )
 def test_statements_of_mtl_without_effect_are_noted_if_they_ask_for_one(
     tmp_path: Path, statement: str, note: str
 ) -> None:
-    Image.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / "a.png")
+    for name in "ab":
+        Image.new("RGB", (2, 2), (9, 8, 7)).save(tmp_path / f"{name}.png")
     path = square(tmp_path, f"newmtl m\n{statement}\n")
     assert [text.partition("not used: ")[2] for text in said(path)][:-1] == [note] * bool(note)
+
+
+@pytest.mark.parametrize(
+    ("gloss", "roughness", "weight"), [("", 1.0, 0.0), ("Ks 0.5\nNs 98", 0.02**0.25, 1.0), ("Pr 0.25", 0.25, 1.0)]
+)
+def test_layers_of_mtl_lie_over_every_kind_of_gloss(
+    tmp_path: Path, gloss: str, roughness: float, weight: float
+) -> None:
+    layers = "Ps 0.5\nPc 0.25\nPcr 0.125\naniso 0.75\nanisor 0.25"
+    (material,) = quiet(square(tmp_path, f"newmtl m\nKd 0.5 0.25 0.125\n{gloss}\n{layers}\n")).materials
+    assert material.sheen.tolist() == [0.5] * 3
+    assert (material.clearcoat, material.clearcoat_roughness) == (0.25, 0.125)
+    assert (material.anisotropy, material.anisotropy_angle) == (0.75, 90)
+    assert material.roughness == pytest.approx(roughness)
+    assert material.specular_weight == weight
+    assert material.reflectance.tolist() == [0.5, 0.25, 0.125]
+
+
+def exr(path: Path, *pixel: float) -> None:
+    """Write an EXR of 2 x 2 equal pixels, with alpha if `pixel` has four numbers."""
+    image = np.full((2, 2, len(pixel)), pixel)
+    write_exr(path, image[..., :3], alpha=image[..., 3] if len(pixel) > 3 else None)
+
+
+def test_values_of_float_pictures_that_are_no_colours_have_no_curve(tmp_path: Path) -> None:
+    exr(tmp_path / "n.exr", 0.5, 0.5, 1.0)
+    exr(tmp_path / "half.exr", 0.5, 0.5, 0.5)
+    exr(tmp_path / "clear.exr", 0.0, 0.0, 0.0, 0.25)
+    mtl = "newmtl m\nPr 1\nnorm n.exr\nmap_Pr half.exr\nmap_d clear.exr\n"
+    scene = quiet(square(tmp_path, mtl))
+    (material,) = scene.materials
+    for slot, channel, level in (
+        (material.normal_texture, 0, 128), (material.surface_texture, 1, 128), (material.texture, 3, 64),
+    ):  # fmt: skip
+        assert slot is not None
+        assert scene.textures[slot.texture].image[0, 0, channel] == level
+
+
+def test_colours_of_float_pictures_are_clipped_and_their_light_is_not(tmp_path: Path) -> None:
+    exr(tmp_path / "a.exr", 2.0, 0.5, -1.0)
+    path = square(tmp_path, "newmtl m\nmap_Kd a.exr\nKe 1 1 1\nmap_Ke a.exr\n")
+    scene = quiet(path)
+    (material,) = scene.materials
+    assert material.texture is not None
+    assert scene.textures[material.texture.texture].image[0, 0].tolist() == [1, 0.5, 0]
+    assert material.emission_texture is not None
+    assert scene.textures[material.emission_texture.texture].image[0, 0].tolist() == [2, 0.5, 0]
+    assert any('Colours of "a.exr" below 0 or above 1: they are clipped.' in text for text in said(path))
+
+
+def test_a_map_of_normals_named_as_a_bump_map_is_used(tmp_path: Path) -> None:
+    normals = np.random.default_rng(0).normal((0, 0, 1), 0.2, (8, 8, 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    Image.fromarray(np.uint8(normals * 127.5 + 128)).save(tmp_path / "n.png")
+    (material,) = quiet(square(tmp_path, "newmtl m\nmap_Bump n.png\n")).materials
+    assert material.normal_texture is not None
 
 
 def test_many_options_of_a_texture_are_read_in_linear_time(tmp_path: Path) -> None:
@@ -594,8 +656,12 @@ def test_polypaint_of_zbrush_is_read(tmp_path: Path) -> None:
 
 def test_what_an_obj_has_beside_faces_is_counted_in_one_warning(tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
-    path.write_text(f"{SQUARE}{FACE}l 1 2 3\np 1\np 2\ncurv 0 1 1 2\nsurf 0 1 0 1 1 2 3 4\nsurf 0 1 0 1 1 2 3 4\n")
-    words = "left out: curves (1), surfaces (2), lines beside faces (2), points beside faces or lines (2)."
+    other = "l 1 2 3\np 1\np 2\ncurv 0 1 1 2\nusemap a\nusemap off\n"
+    path.write_text(f"{SQUARE}{FACE}{other}" + 2 * "surf 0 1 0 1 1 2 3 4\n")
+    words = (
+        "left out: curves (1), surfaces (2), texture maps of usemap (1), lines beside faces (2), "
+        "points beside faces or lines (2)."
+    )
     assert sum(words in text for text in said(path)) == 1
 
 
@@ -632,7 +698,7 @@ def test_textures_of_mtl(tmp_path: Path) -> None:
     Image.fromarray(colours[..., 0]).save(tmp_path / "grey.png")
     Image.fromarray(colours[::2, ::2, 1]).save(tmp_path / "small.png")
     mtl = (
-        "newmtl Paint\nmap_Kd -s 2 3 1 -o 0.5 0.25 -clamp on wood and oak.png\nmap_Bump -bm 0.5 wood and oak.png\n"
+        "newmtl Paint\nmap_Kd -s 2 3 1 -o 0.5 0.25 -clamp on wood and oak.png\nnorm -bm 0.5 wood and oak.png\n"
         "newmtl Gold\nPr 0.5\nmap_Pr grey.png\nmap_Pm small.png\nKd 1 1 1\nmap_d grey.png\nbump grey.png\n"
     )
     path = obj(tmp_path / "box.obj", mtl, uv=True)

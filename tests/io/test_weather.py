@@ -15,7 +15,7 @@ pvlib = pytest.importorskip("pvlib")
 
 from glpath.errors import SceneError, SceneWarning  # noqa: E402
 from glpath.io.sun_position import clear_day, sun_of_hours, sun_positions  # noqa: E402
-from glpath.io.weather import Weather, read_weather  # noqa: E402
+from glpath.io.weather import Weather, _irradiance, read_weather  # noqa: E402
 from tests.support.weather_files import Change, write_epw  # noqa: E402
 
 
@@ -167,6 +167,14 @@ def test_weather_of_elsewhere_is_reported(epw: Path, tmp_path: Path, head: dict[
     with pytest.warns(SceneWarning) as warned:
         read_weather(changed(epw, tmp_path / "moved.epw", same, **head))
     assert any(re.search(message, str(each.message)) for each in warned), [str(each.message) for each in warned]
+
+
+def test_marks_of_missing_irradiance_are_those_of_both_formats() -> None:
+    """EPW has 9999, and TMY3 -9900."""
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame({"dni": [9999.0, -9900.0, -9999.0, 500.0, np.nan]})
+    found = _irradiance(table, "dni", "a.csv")
+    np.testing.assert_array_equal(found, [np.nan, np.nan, np.nan, 500.0, np.nan])
 
 
 def _without(row: int, fields: list[str]) -> list[str] | None:

@@ -81,6 +81,11 @@ def read_honeybee(
     """
     model = read_model_file(path)
     location = SourceLocation(str(path))
+    if model.units != "Meters":
+        warn(
+            f"{path}: its units are {shown(model.units)}, and so are positions and distances here. Spacings and "
+            'margins by EN 12464-1 need metres: model.convert_to_units("Meters") of honeybee.'
+        )
     reader = _Reader(location, Modifiers(location, model.radiance))
     reader.read(model)
     if not reader.shapes:
@@ -273,7 +278,10 @@ def _camera_of(view: View, location: SourceLocation) -> Camera:
     size = (longest, max(1, round(longest / aspect))) if aspect > 1 else (max(1, round(longest * aspect)), longest)
     position, direction = np.array(view.position), np.array(view.direction)
     up = np.array(view.up_vector)
-    return Camera(position, position + direction, up, view.v_size, size)
+    if view.fore_clip or view.aft_clip:
+        warn(f'{location}: the fore_clip and aft_clip of the view "{view.identifier}" are not used.')
+    centre = 0.5 - (view.shift or 0.0), 0.5 + (view.lift or 0.0)
+    return Camera(position, position + direction, up, view.v_size, size, principal_point=centre)
 
 
 def _camera_inside(rooms: Sequence[Room], shapes: Shapes) -> Camera:

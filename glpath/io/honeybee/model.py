@@ -11,11 +11,13 @@ from msgspec import Meta, Struct
 
 from glpath.errors import SceneError
 from glpath.io.convert import convert
+from glpath.scene.geometry import LARGEST
 from glpath.scene.source_location import SourceLocation
 from glpath.system.files import read_bytes, reason_of
 from glpath.system.numerals import unsigned
 
 Point = tuple[float, float, float]
+_Offset = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
 Ring = Annotated[list[Point], Meta(min_length=3)]
 
 
@@ -120,7 +122,11 @@ class SensorGrid(Struct):
 
 
 class View(Struct):
-    """View of Radiance; type v is perspective; sizes in degrees."""
+    """View of Radiance; type v is perspective; sizes in degrees.
+
+    shift, lift         : offset of the image to the right and up, in image widths and heights
+    fore_clip, aft_clip : distances within which, and beyond which, nothing is visible; 0 or None for none
+    """
 
     identifier: str
     position: Point
@@ -129,6 +135,10 @@ class View(Struct):
     view_type: str = "v"
     h_size: float = 60.0
     v_size: float = 60.0
+    shift: _Offset | None = None
+    lift: _Offset | None = None
+    fore_clip: float | None = None
+    aft_clip: float | None = None
 
 
 class ModifierSet(Struct):
@@ -145,6 +155,12 @@ class ModifierSet(Struct):
 
 
 class ModelRadiance(Struct):
+    """Radiance properties of a model.
+
+    global_modifier_set : name of the set for rooms without one; a table stands for honeybee's default set
+    """
+
+    global_modifier_set: Any = None
     modifiers: list[dict[str, Any]] | None = None
     modifier_sets: list[ModifierSet] | None = None
     sensor_grids: list[SensorGrid] | None = None

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
+from glpath.errors import warn
 from glpath.io.convert import convert
 from glpath.io.honeybee.model import Aperture, Door, Face, ModelRadiance, ModifierSet
 from glpath.scene.geometry import LARGEST, Float64
@@ -53,6 +54,11 @@ class _Mirror(_Reflecting):
     r_reflectance: _Share = 1.0
     g_reflectance: _Share = 1.0
     b_reflectance: _Share = 1.0
+    alternate_material: _Alternate | None = None
+
+
+class _Alternate(Struct):
+    type: str = ""
 
 
 class _Glass(Struct):
@@ -76,6 +82,12 @@ class _Light(Struct):
         return np.array([self.r_emittance, self.g_emittance, self.b_emittance])
 
 
+class _Glow(_Light):
+    """Light that a negative max_radius excludes from illumination."""
+
+    max_radius: float = 0.0
+
+
 _KINDS: dict[str, type[Struct]] = {
     "Plastic": _Plastic,
     "Metal": _Metal,
@@ -83,7 +95,7 @@ _KINDS: dict[str, type[Struct]] = {
     "Mirror": _Mirror,
     "Glass": _Glass,
     "Light": _Light,
-    "Glow": _Light,
+    "Glow": _Glow,
 }
 
 
@@ -210,6 +222,9 @@ class Modifiers:
         return self._from_set(room_set, "shade_set", _BOTH[not indoors], user)
 
     def _set(self, name: str | None, user: str) -> ModifierSet:
+        default = self.radiance.global_modifier_set
+        if name is None and isinstance(default, str) and default in self._sets:
+            name = default
         if name is None or name == "Generic_Interior_Visible_Modifier_Set":
             return ModifierSet("")
         if name not in self._sets:
@@ -245,7 +260,18 @@ class Modifiers:
             raise self.location.error(f'the modifier "{name}" cannot be used: {error}.') from error
         if isinstance(read, _Trans) and _lets_all_through(read):
             return None
+        if isinstance(read, _Mirror) and read.alternate_material is not None:
+            # Radiance shows the alternate material, and reflects light sources only.
+            if read.alternate_material.type.capitalize() == "Void":
+                return None
+            warn(f'{self.location}: the alternate material of the mirror "{name}" is not used.')
         light = read.emittance if isinstance(read, _Light) else np.zeros(3)
+        if isinstance(read, _Glow) and read.max_radius < 0:
+            warn(
+                f'{self.location}: the glow "{name}" has the max_radius {read.max_radius:g}, so it lights nothing; '
+                "it is black. Give it a max_radius of 0 or more to make it a light."
+            )
+            light = np.zeros(3)
         self.materials.append(_material(name, read))
         self.emission.append(light)
         return len(self.materials) - 1

@@ -227,6 +227,62 @@ def test_views_are_cameras(tmp_path: Path) -> None:
         loaded(tmp_path, model, view="corner")
 
 
+def test_a_view_is_shifted_as_in_radiance(tmp_path: Path) -> None:
+    """A shift of 1 starts where the view ends: its left border is the view's right border, and so for the lift."""
+    model = two_rooms()
+    (view,) = model["properties"]["radiance"]["views"]
+    plain = loaded(tmp_path, model).camera
+    view |= {"shift": 1.0, "lift": 1.0}
+    moved = loaded(tmp_path, model).camera
+    width, height = plain.resolution
+    np.testing.assert_allclose(moved.rays(np.array([0.0, height])), plain.rays(np.array([width, 0.0])), atol=1e-12)
+    view |= {"fore_clip": 1.0}
+    with pytest.warns(SceneWarning, match='the fore_clip and aft_clip of the view "corner" are not used'):
+        loaded(tmp_path, model)
+
+
+def test_other_units_than_metres_are_told(tmp_path: Path) -> None:
+    with pytest.warns(SceneWarning, match=r'units are "Feet".*EN 12464-1 need metres'):
+        loaded(tmp_path, {**two_rooms(), "units": "Feet"})
+
+
+def test_a_glow_that_never_illuminates_gives_no_light(tmp_path: Path) -> None:
+    model = two_rooms()
+    emittance = dict.fromkeys(("r_emittance", "g_emittance", "b_emittance"), 5.0)
+    _modified(model, type="Glow", max_radius=-1, **emittance)
+    with pytest.warns(SceneWarning, match=r'the glow "x" has the max_radius -1'):
+        scene = loaded(tmp_path, model)
+    (floor,) = (shape for shape in scene.shapes if shape.name == "a_floor")
+    assert not floor.emission.any()
+    _modified(model, type="Glow", max_radius=0, **emittance)
+    (floor,) = (shape for shape in loaded(tmp_path, model).shapes if shape.name == "a_floor")
+    assert floor.emission.tolist() == [5, 5, 5]
+
+
+def test_a_mirror_whose_alternate_is_void_is_invisible(tmp_path: Path) -> None:
+    model = two_rooms()
+    _modified(model, type="Mirror", alternate_material={"type": "Void", "identifier": "void"})
+    assert "a_floor" not in [shape.name for shape in loaded(tmp_path, model).shapes]
+    _modified(model, type="Mirror", alternate_material=None)
+    assert shape_of(loaded(tmp_path, model), "a_floor")[2].metallic == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "reflectance"), [("mine", 0.6), ("lost", 0.5), ({"type": "GlobalModifierSet"}, 0.5)]
+)
+def test_the_global_modifier_set_is_that_of_rooms_without_one(
+    tmp_path: Path, name: object, reflectance: float
+) -> None:
+    model = two_rooms()
+    grey = dict.fromkeys(("r_reflectance", "g_reflectance", "b_reflectance"), 0.6)
+    model["properties"]["radiance"] |= {
+        "modifiers": [{"type": "Plastic", "identifier": "light", **grey}],
+        "modifier_sets": [{"identifier": "mine", "wall_set": {"exterior_modifier": "light"}}],
+        "global_modifier_set": name,
+    }
+    assert shape_of(loaded(tmp_path, model), "a_south")[2].reflectance.tolist() == [reflectance] * 3
+
+
 def test_info_has_the_objects(tmp_path: Path) -> None:
     path = write(two_rooms(), tmp_path / "a.hbjson")
     result = run("info", path, "--json")
