@@ -196,6 +196,35 @@ def test_names_of_old_versions_are_todays(tmp_path: Path) -> None:
 
 def test_steps_of_a_transform_are_applied_in_order(tmp_path: Path) -> None:
     steps = '<translate x="1"/><rotate z="1" angle="90"/><scale x="2" y="3" z="1"/>'
+@pytest.mark.parametrize("value", ['<rgb {} value="0.1 0.2 0.3"/>', '<ref {} id="tiles"/>'])
+def test_old_names_of_the_reflectance_and_of_texture_offsets_are_todays(value: str, tmp_path: Path) -> None:
+    """Mitsuba's `upgrade_from_v1`: u becomes uscale (u + uoffset)."""
+    tiles = (
+        '<texture type="checkerboard" id="tiles"><float name="uscale" value="2"/><float name="uoffset" value="3"/>'
+    )
+    old = ball(f'<bsdf type="diffuse">{value.format("""name="diffuseReflectance" """)}</bsdf>').replace(
+        "to_w", "toW"
+    )
+    scene, _ = read(file(tmp_path, "<sensor type='perspective'/>", f"{tiles}</texture>", old, version="0.5.0"))
+    material = scene.materials[shape_named(scene, "ball").material]
+    if "rgb" in value:
+        np.testing.assert_allclose(material.reflectance, [0.1, 0.2, 0.3])
+    else:
+        np.testing.assert_allclose(material.texture.uv_transform, [[2, 0, 6], [0, 1, 0]])
+
+
+def test_names_of_parameters_may_have_hyphens_and_dollars_may_be_escaped(tmp_path: Path) -> None:
+    """As Mitsuba substitutes them: the longest name first, and a backslash keeps a dollar sign."""
+    defaults = '<default name="my" value="a"/><default name="my-name" value="b"/>'
+    names = ("$my-name", "$my-names", "$my-other", r"\$my-name", "$my.b")
+    spheres = "".join(f'<shape type="sphere" id="{number}{name}"/>' for number, name in enumerate(names))
+    scene, _ = read(file(tmp_path, defaults, CAMERA, LAMP, spheres))
+    found = [shape.name for shape in scene.shapes if shape.name != "lamp"]
+    assert found == ["0b", "1bs", "2a-other", "3$my-name", "4a.b"]
+    with pytest.raises(SceneError, match=r"names the parameter `\$kind`, which has no value"):
+        read(file(tmp_path, '<shape type="$kind-1.0"/>'))
+
+
     steps += '<matrix value="1 0 0 0 0 1 0 0 0 0 1 5 0 0 0 1"/>'
     scene, _ = read(
         file(
@@ -1322,6 +1351,29 @@ def test_faces_without_texture_coordinates_show_the_first_texel(separator: str, 
     (tmp_path / "a.png").write_bytes(encode_png(np.full((4, 8, 3), 128, np.uint8)))
     shape = '<shape type="obj"><string name="filename" value="a.obj"/>{}</shape>'
     scene, told = read(room(tmp_path, shape.format(WITNESSES["textured"])))
+def test_the_latest_path_comes_first_and_the_scenes_folder_last(tmp_path: Path) -> None:
+    """As in Mitsuba, which looks for an include in the folder of the file that names it before all others."""
+    for number, folder in enumerate((".", "first", "second"), start=1):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        (tmp_path / folder / "a.ply").write_bytes(
+            ply(replace(unit_sphere(0), vertices=number * unit_sphere(0).vertices))
+        )
+        file(tmp_path / folder, f'<shape type="sphere" id="{folder.strip(".")}ball"/>', name="ball.xml")
+    shape = '<shape type="ply" id="it"><string name="filename" value="a.ply"/></shape>'
+    for paths, expected in (
+        ((), 1),
+        (("first",), 2),
+        (("first", "second"), 3),
+        (("second", "first"), 2),
+        (("first", "second", "first"), 2),
+        (("first", "."), 1),
+    ):
+        given = "".join(f'<path value="{path}"/>' for path in paths)
+        scene, _ = read(file(tmp_path, given, '<include filename="ball.xml"/>', shape, CAMERA, LAMP))
+        assert np.linalg.norm(shape_named(scene, "it").geometry.vertices, axis=1).max() == pytest.approx(expected)
+        assert "ball" in [each.name for each in scene.shapes]
+
+
     assert ["first texel" in text for text in told] == [True]
     mesh = shape_named(scene, "a").geometry
     np.testing.assert_array_equal(mesh.uv[mesh.vertices[:, 0] > 1.5], [(0, 1)] * 3)

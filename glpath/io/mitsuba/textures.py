@@ -259,7 +259,8 @@ def _to_uv(plugin: Plugin) -> Float64:
     """Return Mitsuba's `to_uv` as a (2, 3) affine map, converted from its v downwards to v upwards."""
     given = plugin.transform("to_uv")
     scale = np.diag([plugin.number("uscale", 1.0), plugin.number("vscale", 1.0), 1.0])
-    scale[:2, 2] = plugin.number("uoffset", 0.0), plugin.number("voffset", 0.0)
+    # Mitsuba scales the offsets as well.
+    scale[:2, 2] = scale[:2, :2] @ [plugin.number("uoffset", 0.0), plugin.number("voffset", 0.0)]
     matrix = np.eye(3)
     matrix[:2, :2], matrix[:2, 2] = given[:2, :2], given[:2, 3]
     return map_downwards((scale @ matrix)[:2], (1.0, 1.0))[:2]
