@@ -369,6 +369,8 @@ class Surfaces:
             fields |= {"transmission": through, "thin": False}
         coat, gloss = plugin.fraction("clearcoat", 0.0), plugin.fraction("clearcoat_gloss", 0.0)
         if coat > 0:
+        for name in ("main_specular", "clearcoat", "diffuse_reflectance"):
+            plugin.number(f"{name}_sampling_rate", 1.0)  # only affects sampling, not the picture
             self.notes["the clearcoat of a principled surface is another lobe, and takes light from the base"] = (
                 None
             )
@@ -505,7 +507,17 @@ class Surfaces:
                 f"is a medium of the type {shown(medium.kind)}, but only an absorbing one inside glass is read.",
                 'Allowed: "homogeneous" with an albedo of 0, in a shape whose surface is a dielectric.',
             )
-        medium.refuse_unless("albedo", 0.0, "light is not scattered in a medium here")
+        why = "light is not scattered in a medium here"
+        if "albedo" not in medium:
+            raise medium.location.error(
+                f"lacks `albedo`, which is 0.75 in Mitsuba, but only 0 is read: {why}.",
+                '<float name="albedo" value="0"/>',
+            )
+        medium.refuse_unless("albedo", 0.0, why)
+        # The phase function has no effect, because nothing is scattered. The flags only affect sampling.
+        medium.nested("phase")
+        for name in ("sample_emitters", "has_spectral_extinction"):
+            medium.flag(name, True)
         sigma = medium.colour("sigma_t", 1.0) * medium.number("scale", 1.0, 0.0)
         medium.check_all_read()
         return sigma
