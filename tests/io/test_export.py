@@ -180,6 +180,8 @@ def every_material() -> tuple[Material, ...]:
             clearcoat_normal_texture=TextureSlot(2),
         ),
         Material("satin", gold, roughness=0.4, metallic=1.0, anisotropy=0.5),
+        Material("varnish", gold, two_sided=False, roughness=0.0, layering="plastic", specular_colour=gold),
+        Material("enamel", gold, two_sided=False, roughness=0.4, layering="plastic", specular_weight=0.5),
     )
 
 

@@ -86,12 +86,13 @@ def described(
     low, high = scene.bounds  # without infinite planes
     scene = in_triangles(scene, notes)
     if np.any(scene.ambient > 0):
+    size = float(np.linalg.norm(high - low)) or float(np.linalg.norm(scene.camera.at().position - low)) or 1.0
         notes.add("ambient light is left out")
     names = Names()
     surfaces = Surfaces(scene, notes, names)
     shapes: Plugin = {}
     for shape in scene.shapes:
-        shapes |= _shapes(scene, shape, surfaces, names, instances, SIDE_OFFSET * float(np.linalg.norm(high - low)))
+        shapes |= _shapes(scene, shape, surfaces, names, instances, SIDE_OFFSET * size)
     middle = 0.5 * (low + high)
     emitters = {names.of(light.name): each for light in scene.lights for each in _emitters(light, middle, notes)}
     if scene.sky is not None:
@@ -101,7 +102,7 @@ def described(
     plugins = {
         "type": "scene",
         "integrator": integrator(max_depth, surfaces.integrator),
-        "sensor": _sensor(scene, float(np.linalg.norm(high - low)), sampler, spp, notes),
+        "sensor": _sensor(scene, size, sampler, spp, notes),
     }
     return MitsubaScene(plugins | surfaces.plugins | shapes | emitters, notes.texts, (x, y, z))
 
