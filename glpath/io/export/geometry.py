@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from glpath.scene.geometry import Float64, Mesh, Shape, Shapes
+from glpath.scene.geometry import Float64, Int32, Mesh, Shape, Shapes
 from glpath.scene.model import Scene
 from glpath.scene.triangulate import path_traceable
 
@@ -132,7 +131,7 @@ def map_downwards(uv_transform: Float64, scale: tuple[float, float]) -> Float64:
     return np.asarray(over @ matrix @ over)
 
 
-def uv_handedness(uv: Float64, faces: NDArray[np.integer]) -> tuple[float, bool]:
+def uv_handedness(uv: Float64, faces: Int32) -> tuple[float, bool]:
     """Return the handedness of texture coordinates, and True if it differs within the mesh.
 
     It is 1 if u, v and the normal out of the front are a right-handed frame on at least half of the faces, else -1.
