@@ -180,6 +180,8 @@ def every_material() -> tuple[Material, ...]:
             clearcoat_normal_texture=TextureSlot(2),
         ),
         Material("satin", gold, roughness=0.4, metallic=1.0, anisotropy=0.5),
+        Material("varnish", gold, two_sided=False, roughness=0.0, layering="plastic", specular_colour=gold),
+        Material("enamel", gold, two_sided=False, roughness=0.4, layering="plastic", specular_weight=0.5),
     )
 
 
@@ -278,6 +280,39 @@ def test_a_texture_is_a_png_as_it_is_and_an_exr_where_it_is_more(tmp_path: Path)
     ):
         assert words in said
     assert len(texts) == len(set(texts))
+
+
+def test_a_scene_of_only_an_endless_plane_has_a_near_plane_in_mitsuba() -> None:
+    """Mitsuba refuses a near plane at 0."""
+    plane = {"type": "plane", "point": [0, 0, 0], "normal": [0, 1, 0], "emission": {"radiance": 1}}
+    scene = glpath.load_scene({"camera": {"position": [0, 1, 4], "target": [0, 0, 0]}, "shapes": [plane]})
+    sensor = described(scene, 2).plugins["sensor"]
+    assert 0 < sensor["near_clip"] < 1 < sensor["far_clip"]
+
+
+@pytest.mark.parametrize("turn", [np.eye(2, 3), np.diag([-2.0, 3.0, 1.0])[:2], np.eye(3)[[1, 0]] * [1, -1, 1]])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_green_of_a_normal_map_is_along_n_cross_u_in_mitsuba(mirrored: bool, turn: Any) -> None:
+    """By glTF it is along v of the lookup; here of a square in x and y with u along x, v along y or against it."""
+    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float64)
+    uv = corners * [1, -1] if mirrored else corners
+    mesh = Mesh(np.pad(corners, ((0, 0), (0, 1))), np.array([(0, 1, 2), (0, 2, 3)], np.int32), uv=uv)
+    stored = np.array([0.6, 0.8, 0.9], np.float32)
+    material = Material("it", np.full(3, 0.5), two_sided=False, normal_texture=TextureSlot(0, 0, turn))
+    camera = Camera(np.array([0.0, 0, 4]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (8, 8))
+    scene = Scene(
+        "a", camera, Shapes([Shape("it", mesh, 0)]), (material,), textures=(Texture("t", stored[None, None]),)
+    )
+    made = described(scene, 2).plugins["it"]["normalmap"]["image"][0, 0]
+    lookup = np.linalg.inv(turn[:, :2]) * np.array(
+        [[1.0], [-1.0 if mirrored else 1.0]]
+    )  # columns are x, y of its axes
+    t, b = (axis / np.linalg.norm(axis) for axis in lookup.T)
+    x, y = (stored[:2] - 0.5) @ np.stack([t, b])
+    expected = np.array([x, y, stored[2] - 0.5])  # n is z and u is x, so n x u is y
+    np.testing.assert_allclose(
+        (made - 0.5) / np.linalg.norm(made - 0.5), expected / np.linalg.norm(expected), atol=1e-6
+    )
 
 
 # Mitsuba itself

@@ -18,7 +18,7 @@ from glpath.film.image import encode_png, write_exr
 from glpath.io.export.mitsuba_xml import ply
 from glpath.io.library import scene_parameters
 from glpath.scene.geometry import unit_normals
-from glpath.scene.model import Environment, Material, Mesh, Scene, Shape, Sky
+from glpath.scene.model import Environment, Material, Mesh, Scene, Shape, Sky, TextureSlot
 from glpath.scene.sky_map import horizontal_irradiance
 from glpath.scene.tessellate import box_mesh, unit_sphere
 from glpath.scene.triangulate import path_traceable
@@ -112,11 +112,13 @@ def test_an_exported_scene_of_everything_has_its_materials_again(tmp_path: Path)
         "brushed": ("reflectance", "metallic", "roughness"),
         "pane": ("reflectance", "transmission", "thin", "dielectric_ratio", "two_sided"),
         "glass": ("reflectance", "transmission", "thin", "ior", "attenuation", "roughness"),
+        "varnish": ("reflectance", "layering", "ior", "roughness", "specular_weight", "specular_colour"),
+        "enamel": ("reflectance", "layering", "ior", "roughness", "specular_weight", "distribution"),
     }.items():
         for key in keys:
             wanted, got = getattr(expected[name], key), getattr(found[name], key)
-            if wanted is None:
-                assert got is None
+            if wanted is None or isinstance(wanted, str):
+                assert got == wanted
             else:
                 np.testing.assert_allclose(got, wanted, rtol=1e-4, atol=1e-5, err_msg=f"{name}: {key}")
     assert found["brushed"].anisotropy == pytest.approx(expected["brushed"].anisotropy, rel=1e-3)
@@ -192,6 +194,35 @@ def test_names_of_old_versions_are_todays(tmp_path: Path) -> None:
     )
     assert scene.materials[shape_named(scene, "ball").material].ior == pytest.approx(1.4)
     np.testing.assert_allclose(scene.camera.position, [0, 1.5, 6])
+
+
+@pytest.mark.parametrize("value", ['<rgb {} value="0.1 0.2 0.3"/>', '<ref {} id="tiles"/>'])
+def test_old_names_of_the_reflectance_and_of_texture_offsets_are_todays(value: str, tmp_path: Path) -> None:
+    """Mitsuba's `upgrade_from_v1`: u becomes uscale (u + uoffset)."""
+    tiles = (
+        '<texture type="checkerboard" id="tiles"><float name="uscale" value="2"/><float name="uoffset" value="3"/>'
+    )
+    old = ball(f'<bsdf type="diffuse">{value.format("""name="diffuseReflectance" """)}</bsdf>').replace(
+        "to_w", "toW"
+    )
+    scene, _ = read(file(tmp_path, "<sensor type='perspective'/>", f"{tiles}</texture>", old, version="0.5.0"))
+    material = scene.materials[shape_named(scene, "ball").material]
+    if "rgb" in value:
+        np.testing.assert_allclose(material.reflectance, [0.1, 0.2, 0.3])
+    else:
+        np.testing.assert_allclose(material.texture.uv_transform, [[2, 0, 6], [0, 1, 0]])
+
+
+def test_names_of_parameters_may_have_hyphens_and_dollars_may_be_escaped(tmp_path: Path) -> None:
+    """As Mitsuba substitutes them: the longest name first, and a backslash keeps a dollar sign."""
+    defaults = '<default name="my" value="a"/><default name="my-name" value="b"/>'
+    names = ("$my-name", "$my-names", "$my-other", r"\$my-name", "$my.b")
+    spheres = "".join(f'<shape type="sphere" id="{number}{name}"/>' for number, name in enumerate(names))
+    scene, _ = read(file(tmp_path, defaults, CAMERA, LAMP, spheres))
+    found = [shape.name for shape in scene.shapes if shape.name != "lamp"]
+    assert found == ["0b", "1bs", "2a-other", "3$my-name", "4a.b"]
+    with pytest.raises(SceneError, match=r"names the parameter `\$kind`, which has no value"):
+        read(file(tmp_path, '<shape type="$kind-1.0"/>'))
 
 
 def test_steps_of_a_transform_are_applied_in_order(tmp_path: Path) -> None:
@@ -362,6 +393,71 @@ def test_rough_glass_beside_a_diffuse_surface_keeps_both(swapped: bool, tmp_path
     assert material.transmission == pytest.approx(0.4)
 
 
+def test_the_weight_of_a_blend_with_glass_is_the_luminance_of_its_picture(tmp_path: Path) -> None:
+    """Rec. 709: 0.2126 red, 0.7152 green and 0.0722 blue."""
+    weight = '<texture type="rawconstant" name="weight"><vector name="value" value="{}"/></texture>'
+    diffuse = '<bsdf type="diffuse"><float name="reflectance" value="1"/></bsdf>'
+    for colour, parts, expected in (
+        ("0.1, 0.9, 0.4", diffuse + '<bsdf type="dielectric"/>', 0.0213 + 0.6437 + 0.0289),
+        ("0.1, 0.9, 0.4", '<bsdf type="dielectric"/>' + diffuse, 1 - (0.0213 + 0.6437 + 0.0289)),
+        ("0.25, 0.25, 0.25", diffuse + '<bsdf type="dielectric"/>', 0.25),
+    ):
+        blend = ball(f'<bsdf type="blendbsdf">{weight.format(colour)}{parts}</bsdf>')
+        scene, _ = read(room(tmp_path, blend))
+        slot = scene.materials[shape_named(scene, "ball").material].transmission_texture
+        np.testing.assert_allclose(scene.textures[slot.texture].linear()[0, 0, :3], expected, atol=2e-4)
+
+
+def test_a_blend_with_glass_keeps_the_colours_of_vertices_and_the_denser_outside(tmp_path: Path) -> None:
+    attribute = '<texture type="mesh_attribute" name="{}"><string name="name" value="vertex_color"/></texture>'
+    (tmp_path / "a.ply").write_bytes(
+        ply(replace(unit_sphere(1), colours=np.full((len(unit_sphere(1).vertices), 4), 0.5)))
+    )
+    inverse = '<float name="int_ior" value="1"/><float name="ext_ior" value="1.5"/>'
+    opaque = f'<bsdf type="principled">{attribute.format("base_color")}</bsdf>'
+    both = f'<bsdf type="twosided">{opaque}</bsdf>'
+    glass = f'<bsdf type="dielectric">{inverse}{attribute.format("specular_transmittance")}</bsdf>'
+    shape = '<shape type="ply" id="it"><string name="filename" value="a.ply"/>{}</shape>'
+    scene, _ = read(room(tmp_path, shape.format(f'<bsdf type="blendbsdf">{both}{glass}</bsdf>')))
+    mesh = shape_named(scene, "it").geometry
+    np.testing.assert_allclose(mesh.colours[:, :3], 0.5)
+    corners = mesh.vertices[mesh.faces]
+    assert np.linalg.det(corners).sum() < 0  # turned inside out
+    white = '<bsdf type="diffuse"><float name="reflectance" value="1"/></bsdf>'
+    # Another base than the glass's; and a front that would be inside of the turned shape.
+    for other in (f'<bsdf type="twosided">{white}</bsdf>', opaque):
+        with pytest.raises(SceneError, match="which is no one material here"):
+            read(room(tmp_path, shape.format(f'<bsdf type="blendbsdf">{other}{glass}</bsdf>')))
+
+
+def test_a_normal_map_of_a_surface_blended_with_glass_holds_for_both_and_warns(tmp_path: Path) -> None:
+    diffuse = '<bsdf type="diffuse"><float name="reflectance" value="1"/></bsdf>'
+    mapped, glass = f'<bsdf type="normalmap">{FLAT}{diffuse}</bsdf>', '<bsdf type="dielectric"/>'
+    for parts in (mapped + glass, glass + mapped):
+        scene, told = read(room(tmp_path, ball(f'<bsdf type="blendbsdf">{parts}</bsdf>')))
+        assert scene.materials[shape_named(scene, "ball").material].normal_texture is not None
+        assert any("a normalmap of a surface blended with glass is one of both" in text for text in told)
+    with pytest.raises(SceneError, match="has a normalmap, but stands in a blend"):
+        read(room(tmp_path, ball(f'<bsdf type="blendbsdf">{diffuse}{mapped.replace(diffuse, glass)}</bsdf>')))
+
+
+def test_masks_in_masks_multiply(tmp_path: Path) -> None:
+    half, texture = '<float name="opacity" value="0.5"/>', '<texture type="checkerboard" name="opacity"/>'
+    for outer, inner, opacity, alpha in (
+        (half, half, 0.25, 1.0),
+        (half, texture, 0.5, 0.4),
+        (texture, half, 0.5, 0.4),
+        (texture, texture, 1.0, 0.16),
+    ):
+        masks = f'<bsdf type="mask">{outer}<bsdf type="mask">{inner}<bsdf type="diffuse"/></bsdf></bsdf>'
+        scene, _ = read(room(tmp_path, ball(masks)))
+        material = scene.materials[shape_named(scene, "ball").material]
+        assert (material.alpha, material.opacity) == ("blend", opacity)
+        if alpha < 1:
+            image = scene.textures[material.texture.texture].linear()
+            assert image[..., 3].max() == pytest.approx(alpha)
+
+
 def test_small_pictures_are_interpolated_before_their_values_are_changed(tmp_path: Path) -> None:
     """Mitsuba interpolates alpha, whose root is the roughness here: between two texels it is exact."""
     alphas = np.array([[[64] * 3, [255] * 3]], np.uint8)
@@ -413,6 +509,18 @@ def test_nonlinear_plastic_is_darker_by_what_is_absorbed_between_bounces(tmp_pat
     )
     inside = 0.5963  # Walter et al. 2007: the diffuse Fresnel reflectance within glass of 1.5
     assert made.reflectance[0] == pytest.approx(0.5 * (1 - inside) / (1 - 0.5 * inside), rel=1e-3)
+
+
+def test_nonlinear_plastic_with_colours_of_vertices_warns(tmp_path: Path) -> None:
+    (tmp_path / "a.ply").write_bytes(
+        ply(replace(unit_sphere(0), colours=np.full((len(unit_sphere(0).vertices), 4), 0.5)))
+    )
+    plastic = '<bsdf type="plastic"><boolean name="nonlinear" value="true"/><texture type="mesh_attribute" '
+    plastic += 'name="diffuse_reflectance"><string name="name" value="vertex_color"/></texture></bsdf>'
+    _, told = read(room(tmp_path, f'<shape type="ply"><string name="filename" value="a.ply"/>{plastic}</shape>'))
+    assert any(
+        "colours of vertices of a nonlinear plastic are taken as those of a linear one" in text for text in told
+    )
 
 
 def test_textures(tmp_path: Path) -> None:
@@ -553,6 +661,10 @@ def test_the_colours_of_vertices_are_read(tmp_path: Path) -> None:
 # What is refused
 
 
+TWO_SIDES = '<bsdf type="twosided"><bsdf type="diffuse"/><bsdf type="conductor"/></bsdf>'
+FLAT = '<texture type="rawconstant" name="normalmap"><vector name="value" value="0.5, 0.5, 1"/></texture>'
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -611,6 +723,42 @@ def test_the_colours_of_vertices_are_read(tmp_path: Path) -> None:
             ball(f'<bsdf type="twosided">{3 * """<bsdf type="diffuse"/>"""}</bsdf>'),
             "has 3 surfaces in it, but must have one or two",
         ),
+        *(
+            (
+                ball(f'<bsdf type="{adapter}">{TWO_SIDES}{inside}</bsdf>'),
+                f'has two surfaces, but stands in "{adapter}".*Give both of its sides the same surface',
+            )
+            for adapter, inside in (
+                ("mask", ""),
+                ("twosided", ""),
+                ("normalmap", FLAT),
+                ("bumpmap", FLAT),
+                ("blendbsdf", '<bsdf type="diffuse"/>'),
+            )
+        ),
+        *(
+            (
+                ball(
+                    f'<bsdf type="blendbsdf"><bsdf type="{part}">{inside}<bsdf type="diffuse"/></bsdf>'
+                    f"{other}</bsdf>"
+                ),
+                f"has a {part}, but stands in a blend, whose parts here have none.*Put the blend into a {part}",
+            )
+            for part, inside in (("mask", ""), ("normalmap", FLAT), ("bumpmap", FLAT))
+            for other in ('<bsdf type="conductor"/>', '<bsdf type="plastic"/>')
+        ),
+        *(
+            (
+                ball(f'<bsdf type="{one}">{FLAT}<bsdf type="{other}">{FLAT}<bsdf type="diffuse"/></bsdf></bsdf>'),
+                "is around another bump map or normal map",
+            )
+            for one in ("normalmap", "bumpmap")
+            for other in ("normalmap", "bumpmap")
+        ),
+        (
+            ball('<medium type="homogeneous" name="interior"/><bsdf type="dielectric"/>'),
+            "lacks `albedo`, which is 0.75 in Mitsuba, but only 0 is read",
+        ),
         (ball('<bsdf type="bumpmap"/>'), "has 0 textures in it, but must have one, of heights"),
         (
             ball('<bsdf type="blendbsdf"><bsdf type="plastic"/><bsdf type="diffuse"/></bsdf>'),
@@ -638,10 +786,6 @@ def test_the_colours_of_vertices_are_read(tmp_path: Path) -> None:
             "is no step of a transform. Allowed: translate, ",
         ),
         ('<emitter type="projector"/>', "Allowed: constant, directional, envmap, point, spot, sunsky"),
-        (
-            '<emitter type="sunsky"><vector name="sun_direction" value="1, 0, -0.1"/></emitter>',
-            "has its sun 5.71 degrees below the horizon",
-        ),
         ('<emitter type="envmap"><string name="filename" value="no.exr"/></emitter>', "names the picture .*no.exr"),
         ('<emitter type="constant"/><emitter type="constant"/>', "as another emitter does"),
         ("<phase/>", "is an element of a scene that is not read"),
@@ -873,6 +1017,20 @@ def test_numbers_of_serialized_meshes_that_are_not_finite_are_counted(tmp_path: 
     assert np.isfinite(mesh.uv).all()
 
 
+def test_a_serialized_mesh_with_the_flag_of_face_normals_keeps_its_normals(tmp_path: Path) -> None:
+    """Mitsuba 3.9.1 ignores the flag 0x0010; only the parameter `face_normals` makes it flat."""
+    points, normals = np.eye(3, dtype="<f4"), np.array([(1, 0, 0), (0, 0.6, 0.8), (0, 0, 1)], "<f4")
+    stream = struct.pack("<I", 0x1011) + b"a\0" + struct.pack("<QQ", 3, 1)
+    stream += points.tobytes() + normals.tobytes() + np.arange(3, dtype="<u4").tobytes()
+    content = struct.pack("<HH", 0x041C, 4) + zlib.compress(stream) + struct.pack("<QI", 0, 1)
+    (tmp_path / "a.serialized").write_bytes(content)
+    shape = '<shape type="serialized" id="it"><string name="filename" value="a.serialized"/>{}</shape>'
+    mesh = shape_named(read(file(tmp_path, CAMERA, LAMP, shape.format("")))[0], "it").geometry
+    np.testing.assert_allclose(mesh.normals, normals, atol=1e-6)
+    flat = shape.format('<boolean name="face_normals" value="true"/>')
+    assert shape_named(read(file(tmp_path, CAMERA, LAMP, flat))[0], "it").geometry.normals is None
+
+
 def test_a_serialized_mesh_of_which_nothing_is_finite_is_refused(tmp_path: Path) -> None:
     stream = struct.pack("<I", 0x1000) + b"a\0" + struct.pack("<QQ", 3, 1)
     stream += np.full((3, 3), np.nan, "<f4").tobytes() + np.arange(3, dtype="<u4").tobytes()
@@ -982,6 +1140,29 @@ def test_a_sunsky_may_have_no_sun(tmp_path: Path) -> None:
     assert read(file(tmp_path, CAMERA, FLOOR, light))[0].sky.sun is None
 
 
+def test_the_direction_of_a_suns_light_is_in_the_world_whatever_the_skys_transform(tmp_path: Path) -> None:
+    """45 degrees above the ground of a sky that is turned to have y up."""
+    radians = np.radians(45)
+    turned = (
+        SUNSKY.format(np.cos(radians), 0, 3)
+        .replace(", 0, 0", f", {np.sin(radians)}, 0")
+        .replace("</emitter>", '<transform name="to_world"><rotate x="1" angle="-90"/></transform></emitter>')
+    )
+    skies = [read(file(tmp_path, CAMERA, FLOOR, text))[0].sky for text in (turned, sunsky(3, 45))]
+    np.testing.assert_allclose(skies[0].sun.direction, [0.5**0.5, 0.5**0.5, 0], atol=1e-9)
+    np.testing.assert_allclose(skies[0].up, [0, 1, 0], atol=1e-9)
+    np.testing.assert_allclose(skies[0].sun.irradiance, skies[1].sun.irradiance, rtol=1e-9)
+
+
+def test_a_sunsky_whose_sun_is_below_the_horizon_is_dark(tmp_path: Path) -> None:
+    """As Mitsuba 3.9.1 renders it."""
+    scene, told = read(file(tmp_path, CAMERA, FLOOR, LAMP, sunsky(3, -5)))
+    assert not scene.sky.image.any()
+    assert scene.sky.sun is None
+    assert len(told) == 1
+    assert "a sunsky is dark, because its sun is below the horizon" in told[0]
+
+
 def test_the_sun_of_a_sunsky_without_a_direction_is_that_of_its_site(tmp_path: Path) -> None:
     """As Mitsuba 3.9.1 prints for its defaults: Tokyo, 2010-07-10, 15:00."""
     pytest.importorskip("pvlib")
@@ -997,9 +1178,23 @@ def test_what_changes_nothing_is_read(tmp_path: Path) -> None:
         '<texture type="bitmap" name="reflectance"><string name="filename" value="grey.png"/>'
         '<string name="format" value="variant"/></texture>'
     )
-    flat = '<texture type="rawconstant" name="normalmap"><vector name="value" value="0.5, 0.5, 1"/></texture>'
+    flat = FLAT
+    flags = "".join(
+        f'<boolean name="{name}" value="true"/>' for name in ("flip_invalid_normals", "use_shadowing_function")
+    )
+    rates = "".join(
+        f'<float name="{name}_sampling_rate" value="2"/>'
+        for name in ("main_specular", "clearcoat", "diffuse_reflectance")
+    )
+    medium = '<medium type="homogeneous" name="interior"><float name="albedo" value="0"/><phase type="isotropic"/>'
+    for name in ("sample_emitters", "has_spectral_extinction"):
+        medium += f'<boolean name="{name}" value="false"/>'
+    path = file(tmp_path, CAMERA, FLOOR, LAMP, ball(f'{medium}</medium><bsdf type="dielectric"/>'))
+    assert read(path)[1] == []
     for text in (
         principled,
+        f'<bsdf type="principled">{rates}</bsdf>',
+        f'<bsdf type="normalmap">{flat}{flags}<bsdf type="diffuse"/></bsdf>',
         f'<bsdf type="diffuse">{texture}</bsdf>',
         f'<bsdf type="normalmap">{flat}<bsdf type="diffuse"/></bsdf>',
     ):
@@ -1156,6 +1351,29 @@ def test_files_are_looked_for_where_paths_and_the_scene_are(tmp_path: Path) -> N
         glpath.load_scene(file(tmp_path, '<path value="lost"/>', LAMP))
 
 
+def test_the_latest_path_comes_first_and_the_scenes_folder_last(tmp_path: Path) -> None:
+    """As in Mitsuba, which looks for an include in the folder of the file that names it before all others."""
+    for number, folder in enumerate((".", "first", "second"), start=1):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        (tmp_path / folder / "a.ply").write_bytes(
+            ply(replace(unit_sphere(0), vertices=number * unit_sphere(0).vertices))
+        )
+        file(tmp_path / folder, f'<shape type="sphere" id="{folder.strip(".")}ball"/>', name="ball.xml")
+    shape = '<shape type="ply" id="it"><string name="filename" value="a.ply"/></shape>'
+    for paths, expected in (
+        ((), 1),
+        (("first",), 2),
+        (("first", "second"), 3),
+        (("second", "first"), 2),
+        (("first", "second", "first"), 2),
+        (("first", "."), 1),
+    ):
+        given = "".join(f'<path value="{path}"/>' for path in paths)
+        scene, _ = read(file(tmp_path, given, '<include filename="ball.xml"/>', shape, CAMERA, LAMP))
+        assert np.linalg.norm(shape_named(scene, "it").geometry.vertices, axis=1).max() == pytest.approx(expected)
+        assert "ball" in [each.name for each in scene.shapes]
+
+
 def test_a_path_of_an_included_file_may_start_at_the_scene(tmp_path: Path) -> None:
     """As in the scenes of Mitsuba's documentation, whose includes name folders from the scene on."""
     (tmp_path / "parts").mkdir()
@@ -1247,6 +1465,127 @@ def test_a_pinhole_may_have_a_focus(tmp_path: Path) -> None:
     cameras = [glpath.load_scene(file(tmp_path, FLOOR, LAMP, camera)).camera for camera in (focused, CAMERA)]
     assert cameras[0].aperture_radius == 0
     assert cameras[0].fov == cameras[1].fov
+
+
+@pytest.mark.parametrize(("clip", "expected"), [("", 1e4), ('<float name="far_clip" value="50"/>', 50)])
+def test_a_thin_lens_without_a_focus_is_focused_at_its_far_plane(
+    clip: str, expected: float, tmp_path: Path
+) -> None:
+    lens = CAMERA.replace("perspective", "thinlens").replace("<float", clip + "<float", 1)
+    aperture = '<float name="aperture_radius" value="0.1"/><float name="fov"'
+    scene, _ = read(file(tmp_path, FLOOR, LAMP, lens.replace('<float name="fov"', aperture)))
+    assert scene.camera.focus_distance == expected
+    with pytest.raises(SceneError, match="lacks the parameter `aperture_radius`"):
+        read(file(tmp_path, FLOOR, LAMP, lens))
+
+
+def test_a_medium_that_mitsubas_path_leaves_out_warns(tmp_path: Path) -> None:
+    absorbing = '<medium type="homogeneous" name="interior"><float name="albedo" value="0"/></medium>'
+    glass = ball(f'{absorbing}<bsdf type="dielectric"/>')
+    for integrator, expected in (("path", 1), ("volpath", 0)):
+        _, told = read(file(tmp_path, f'<integrator type="{integrator}"/>', CAMERA, FLOOR, LAMP, glass))
+        assert sum("Mitsuba's `path` leaves out media" in text for text in told) == expected
+
+
+def along_texture(scene: Scene, name: str) -> tuple[Any, Any, Any, TextureSlot]:
+    """Front normals (F, 3) of a shape in the world, its axes along u and v of its mesh, and its normal map.
+
+    The axes (F, 3) are derivatives of the position, v upwards.
+    """
+    shape = shape_named(scene, name)
+    mesh = shape.geometry
+    if mesh == "sphere":
+        mesh = unit_sphere(2, with_uv=True)
+    corners = (mesh.vertices @ shape.world_from_object[0, :, :3].T)[mesh.faces]
+    uv = mesh.uv[mesh.faces]
+    sides, uv_sides = corners[:, 1:] - corners[:, :1], uv[:, 1:] - uv[:, :1]
+    whole = np.abs(np.linalg.det(uv_sides)) > 1e-9
+    axes = np.linalg.solve(uv_sides[whole], sides[whole])
+    normals = unit_normals(np.cross(sides[whole, 0], sides[whole, 1]))
+    return normals, axes[:, 0], axes[:, 1], scene.materials[shape.material].normal_texture
+
+
+def mapped(n: Any, u: Any, v: Any, slot: TextureSlot, stored: Any) -> Any:
+    """Normals (F, 3) of a value of a normal map, by glTF 2.0: green points along v of the lookup."""
+    lookup = np.linalg.inv(slot.uv_transform[:, :2])
+    t = unit_normals(lookup[0, 0] * u + lookup[1, 0] * v)
+    b = np.cross(n, t)
+    b *= np.sign(np.sum(b * (lookup[0, 1] * u + lookup[1, 1] * v), axis=1, keepdims=True))
+    red, green, blue = 2.0 * stored - 1.0
+    return unit_normals(red * t + green * b + blue * n)
+
+
+TURNS = {
+    "": "",
+    "mirrored": '<scale x="-2" y="3"/>',
+    "inverted": '<scale x="-1" y="-1"/>',
+    "turned": '<rotate z="1" angle="90"/>',
+}
+
+
+@pytest.mark.parametrize("flips", [False, True])
+@pytest.mark.parametrize(
+    ("shape", "turn"),
+    [
+        *((shape, "") for shape in ("rectangle", "disk", "cylinder", "sphere", "cube")),
+        *(("cube", turn) for turn in ("mirrored", "inverted", "turned")),
+        ("rectangle", "turned"),
+    ],
+)
+def test_green_of_a_normal_map_points_along_the_cross_product_of_normal_and_u(
+    shape: str, flips: bool, turn: str, tmp_path: Path
+) -> None:
+    """As Mitsuba's shading frame, whatever the transform of the texture, and also in mirrored shapes."""
+    texture = '<texture type="bitmap" name="normalmap"><string name="filename" value="a.png"/>'
+    texture += f'<boolean name="raw" value="true"/><transform name="to_uv">{TURNS[turn]}</transform></texture>'
+    (tmp_path / "a.png").write_bytes(encode_png(np.full((1, 1, 3), (153, 204, 230), np.uint8)))
+    inside = f'<boolean name="flip_normals" value="{str(flips).lower()}"/>'
+    inside += f'<bsdf type="normalmap">{texture}<bsdf type="diffuse"/></bsdf>'
+    group = f'<shape type="shapegroup" id="group"><shape type="{shape}">{inside}</shape></shape>'
+    group += '<shape type="instance"><ref id="group"/><transform name="to_world">{}</transform></shape>'
+    mirror = '<scale z="-1"/>'
+    for text, name in (
+        (ball(inside, shape), "ball"),
+        (ball(inside, shape).replace("<rotate", f"{mirror}<rotate"), "ball"),
+        (group.format(""), "group"),
+        (group.format(mirror), "group"),
+    ):
+        scene, _ = read(file(tmp_path, CAMERA, LAMP, text))
+        n, u, v, slot = along_texture(scene, name)
+        s = unit_normals(u - np.sum(u * n, axis=1, keepdims=True) * n)
+        red, green, blue = 2.0 * np.array([153, 204, 230]) / 255.0 - 1.0
+        expected = unit_normals(red * s + green * np.cross(n, s) + blue * n)
+        stored = scene.textures[slot.texture].linear()[0, 0, :3]
+        np.testing.assert_allclose(mapped(n, u, v, slot, stored), expected, atol=1e-6)
+
+
+def test_a_normal_map_over_mirrored_texture_coordinates_warns(tmp_path: Path) -> None:
+    """Two triangles, of which the second has its texture mirrored."""
+    vertices = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)], np.float64)
+    uv = np.array([(0, 0), (1, 0), (0, 1), (0, 0), (-1, 0), (0, 1)], np.float64)
+    (tmp_path / "a.ply").write_bytes(ply(Mesh(vertices, np.arange(6, dtype=np.int32).reshape(2, 3), uv=uv)))
+    surface = f'<bsdf type="normalmap">{FLAT}<bsdf type="diffuse"/></bsdf>'
+    shape = f'<shape type="ply"><string name="filename" value="a.ply"/>{surface}</shape>'
+    _, told = read(room(tmp_path, shape))
+    assert any("is inverted along green where texture coordinates are mirrored" in text for text in told)
+
+
+@pytest.mark.parametrize("turn", [*TURNS.values(), '<rotate z="1" angle="30"/><scale x="2"/>'])
+def test_a_bump_map_rises_where_its_heights_do_whatever_their_transform(turn: str, tmp_path: Path) -> None:
+    """The normal is across the surface z = h(u, v): n - grad h, on a square of 2 by 2 units."""
+    heights = 0.5 + 0.25 * np.sin(2 * np.pi * np.arange(8) / 8)  # of the columns
+    write_exr(tmp_path / "a.exr", np.tile(heights[None, :, None], (8, 1, 3)).astype(np.float32))
+    texture = '<texture type="bitmap"><string name="filename" value="a.exr"/><boolean name="raw" value="true"/>'
+    texture += f'<transform name="to_uv">{turn}</transform></texture>'
+    square = f'<shape type="rectangle" id="it"><bsdf type="bumpmap">{texture}<bsdf type="diffuse"/></bsdf></shape>'
+    scene, _ = read(file(tmp_path, CAMERA, LAMP, square))
+    n, u, v, slot = along_texture(scene, "it")
+    for column in (0, 3):
+        slope = 0.5 * 8 * (heights[(column + 1) % 8] - heights[column - 1])
+        across = slope * slot.uv_transform[0, :2]  # derivatives of the height by u and v
+        rises = across[0] * u / np.sum(u * u, axis=1)[:, None] + across[1] * v / np.sum(v * v, axis=1)[:, None]
+        stored = scene.textures[slot.texture].linear()[0, column, :3]
+        np.testing.assert_allclose(mapped(n, u, v, slot, stored), unit_normals(n - rises), atol=1e-5)
 
 
 SCALES = {"upright": "1 1 1", "mirrored": "-1 1 1", "inverted": "-1 -1 -1"}

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from glpath.scene.geometry import Float64, Mesh, Shape, Shapes
+from glpath.scene.geometry import Float64, Int32, Mesh, Shape, Shapes
 from glpath.scene.model import Scene
 from glpath.scene.triangulate import path_traceable
 
@@ -129,6 +129,35 @@ def map_downwards(uv_transform: Float64, scale: tuple[float, float]) -> Float64:
     matrix, over = np.eye(3), np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
     matrix[:2] = uv_transform * np.array(scale)[:, None]
     return np.asarray(over @ matrix @ over)
+
+
+def uv_handedness(uv: Float64, faces: Int32) -> tuple[float, bool]:
+    """Return the handedness of texture coordinates, and True if it differs within the mesh.
+
+    It is 1 if u, v and the normal out of the front are a right-handed frame on at least half of the faces, else -1.
+    """
+    sides = uv[faces[:, 1:]] - uv[faces[:, :1]]
+    turns = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
+    right, left = int(np.count_nonzero(turns > 0)), int(np.count_nonzero(turns < 0))
+    return 1.0 if right >= left else -1.0, min(right, left) > 0
+
+
+def tangent_axes(uv_transform: Float64, uv_lengths: tuple[float, float] = (1.0, 1.0)) -> Float64:
+    """Return the axes (2, 2) in which glpath reads a normal map's red and green, as rows of parts along u and v.
+
+    Red points along u of the transformed texture coordinates; green is perpendicular to it, on the side of their v.
+
+    uv_transform : (2, 3) affine map from the coordinates of the mesh to those of the lookup
+    uv_lengths   : scene units of one u and one v of the mesh
+    """
+    linear = uv_transform[:, :2]
+    if abs(np.linalg.det(linear)) < 1e-18:
+        return np.eye(2)
+    along, side = (np.diag(uv_lengths) @ np.linalg.inv(linear)).T
+    t = along / np.linalg.norm(along)
+    b = np.array([-t[1], t[0]])
+    # The sum makes zeros positive; rounding makes axes along u and v exact.
+    return np.round(np.stack([t, b if b @ side >= 0 else -b]), 12) + 0.0
 
 
 def _square(scene: Scene, plane: Shape) -> Shape:

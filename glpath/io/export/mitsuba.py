@@ -36,12 +36,14 @@ from glpath.io.export.geometry import (
     in_triangles,
     in_world,
     mirrors,
+    uv_handedness,
     v_downwards,
     with_all_normals,
 )
 from glpath.io.export.mitsuba_luminaires import projectors
 from glpath.io.export.mitsuba_surfaces import Names, Plugin, Surfaces, bitmap, rgb
 from glpath.scene.geometry import Float64, Mesh, Shape, perpendicular
+from glpath.scene.material import Material
 from glpath.scene.model import Environment, Light, Scene, Sky
 from glpath.scene.source_location import shown
 from glpath.scene.sun import Sun
@@ -84,6 +86,7 @@ def described(
     if scene.origin.any():  # Mitsuba's transforms are 32-bit floats, too, so they cannot hold the origin
         notes.add(f"all is relative to {shown(scene.origin)}, as the scene is far from the origin")
     low, high = scene.bounds  # without infinite planes
+    size = float(np.linalg.norm(high - low)) or float(np.linalg.norm(scene.camera.at().position - low)) or 1.0
     scene = in_triangles(scene, notes)
     if np.any(scene.ambient > 0):
         notes.add("ambient light is left out")
@@ -91,7 +94,7 @@ def described(
     surfaces = Surfaces(scene, notes, names)
     shapes: Plugin = {}
     for shape in scene.shapes:
-        shapes |= _shapes(scene, shape, surfaces, names, instances, SIDE_OFFSET * float(np.linalg.norm(high - low)))
+        shapes |= _shapes(scene, shape, surfaces, names, instances, SIDE_OFFSET * size)
     middle = 0.5 * (low + high)
     emitters = {names.of(light.name): each for light in scene.lights for each in _emitters(light, middle, notes)}
     if scene.sky is not None:
@@ -101,7 +104,7 @@ def described(
     plugins = {
         "type": "scene",
         "integrator": integrator(max_depth, surfaces.integrator),
-        "sensor": _sensor(scene, float(np.linalg.norm(high - low)), sampler, spp, notes),
+        "sensor": _sensor(scene, size, sampler, spp, notes),
     }
     return MitsubaScene(plugins | surfaces.plugins | shapes | emitters, notes.texts, (x, y, z))
 
@@ -119,17 +122,18 @@ def _shapes(scene: Scene, shape: Shape, surfaces: Surfaces, names: Names, instan
         surfaces.notes.add("it emits everywhere, whatever its alpha", "material", material.name)
     if shape.emits and shape.emission_two_sided:
         apart = in_world(shape).unshared()
+        handedness = _handedness(shape, material, surfaces.notes)
         step = offset * np.repeat(face_normals(apart), 3, axis=0)
         front = replace(apart, vertices=apart.vertices + step)
         back = replace(apart, vertices=apart.vertices - step).turned()
-        sides = (("front", front, True), ("back", back, material.two_sided))
+        sides = (("front", front, True, handedness), ("back", back, material.two_sided, -handedness))
         return {
             names.of(f"{shape.name}-{side}"): _mesh(
-                scene, shape, mesh, surfaces, surfaces.reference(shape.material, coloured, reflects)
+                scene, shape, mesh, surfaces, surfaces.reference(shape.material, coloured, reflects, turn)
             )
-            for side, mesh, reflects in sides
+            for side, mesh, reflects, turn in sides
         }
-    bsdf = surfaces.reference(shape.material, coloured)
+    bsdf = surfaces.reference(shape.material, coloured, handedness=_handedness(shape, material, surfaces.notes))
     # Mitsuba's instances cannot emit.
     if not instances or shape.emits or len(shape.world_from_object) == 1:
         return {names.of(shape.name): _mesh(scene, shape, in_world(shape), surfaces, bsdf)}
@@ -146,6 +150,21 @@ def _shapes(scene: Scene, shape: Shape, surfaces: Surfaces, names: Names, instan
             reference = {"type": "ref", "id": group}
             made[names.of(shape.name)] = {"type": "instance", "shapegroup": reference, "to_world": to_world}
     return made
+
+
+def _handedness(shape: Shape, material: Material, notes: Notes) -> float:
+    """Return the handedness of the texture coordinates of a normal map; 1 for a material without one."""
+    mesh = shape.geometry
+    assert isinstance(mesh, Mesh)
+    uv = mesh.uv1 if {slot.uv_set for slot in material.slots.values()} == {1} else mesh.uv
+    if material.normal_texture is None or uv is None:
+        return 1.0
+    handedness, differs = uv_handedness(uv, mesh.faces)
+    if differs:
+        notes.add(
+            "its normal map is inverted along green where texture coordinates are mirrored", "shape", shape.name
+        )
+    return handedness
 
 
 def _mesh(scene: Scene, shape: Shape, mesh: Mesh, surfaces: Surfaces, bsdf: Plugin) -> Plugin:

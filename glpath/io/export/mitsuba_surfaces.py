@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from glpath.io.export.geometry import Notes, UniqueNames, map_downwards
+from glpath.io.export.geometry import Notes, UniqueNames, map_downwards, tangent_axes
 from glpath.scene.geometry import Float64
 from glpath.scene.material import SLOTS, SMOOTH, Material, Texture, TextureSlot, metal_reflectance
 from glpath.scene.model import Scene
@@ -62,23 +62,25 @@ class Surfaces:
     names: Names
     plugins: Plugin = field(default_factory=dict)
     integrator: str = "path"
-    _known: dict[tuple[int, bool, bool], str] = field(default_factory=dict)
+    _known: dict[tuple[int, bool, bool, float], str] = field(default_factory=dict)
 
-    def reference(self, number: int, coloured: bool, side: bool | None = None) -> Plugin:
+    def reference(self, number: int, coloured: bool, side: bool | None = None, handedness: float = 1.0) -> Plugin:
         """Return a reference to a material for a shape.
 
-        coloured : True if the shape's vertices have colours
-        side     : None: sides as in the material; True: one side that reflects; False: one black side
+        coloured   : True if the shape's vertices have colours
+        side       : None: sides as in the material; True: one side that reflects; False: one black side
+        handedness : see `uv_handedness`; only a material with a normal map depends on it
         """
         material = self.scene.materials[number]
         if side is False:
             material = Material(f"{material.name}-back", np.zeros(3), two_sided=False)
             coloured = False
         two_sided = side is None and material.two_sided and material.transmission == 0
-        key = (-1 if side is False else number, coloured, two_sided)
+        handedness = handedness if material.normal_texture is not None else 1.0
+        key = (-1 if side is False else number, coloured, two_sided, handedness)
         if key not in self._known:
             name = self._known[key] = self.names.of(material.name)
-            self.plugins[name] = _Surface(self, material, coloured).plugin(two_sided)
+            self.plugins[name] = _Surface(self, material, coloured, handedness).plugin(two_sided)
         return {"type": "ref", "id": self._known[key]}
 
     def medium(self, number: int) -> Plugin | None:
@@ -99,6 +101,7 @@ class _Surface:
     owner: Surfaces
     material: Material
     coloured: bool
+    handedness: float
 
     def plugin(self, two_sided: bool) -> Plugin:
         material = self.material
@@ -144,6 +147,9 @@ class _Surface:
             return made
         image = 2.0 * self._texture(slot).linear()[..., :3] - 1.0
         image = image * [material.normal_scale, material.normal_scale, 1.0]
+        # Mitsuba's red points along u of the mesh, and its green along n x u.
+        axes = tangent_axes(slot.uv_transform * np.array(self._texture(slot).scale)[:, None])
+        image[..., :2] = image[..., :2] @ axes * [1.0, self.handedness]
         image /= np.maximum(np.linalg.norm(image, axis=2, keepdims=True), 1e-9)
         return {"type": "normalmap", "normalmap": self._bitmap(slot, 0.5 * image + 0.5, raw=True), "bsdf": made}
 

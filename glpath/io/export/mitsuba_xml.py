@@ -26,8 +26,8 @@ from glpath.system.files import replacing_links, whole_file, write_bytes
 # Version of the format, which Mitsuba 3 reads without conversion.
 _VERSION = "3.0.0"
 _TAGS = {
-    "bsdf": "diffuse twosided conductor roughconductor principled dielectric roughdielectric thindielectric "
-    "blendbsdf normalmap mask",
+    "bsdf": "diffuse twosided conductor roughconductor plastic roughplastic principled dielectric roughdielectric "
+    "thindielectric blendbsdf normalmap mask",
     "emitter": "area point spot projector directional constant envmap",
     "texture": "bitmap mesh_attribute",
     "shape": "ply shapegroup instance",

@@ -82,10 +82,12 @@ def camera_of(plugin: Plugin) -> tuple[Camera, Clips]:
         across, down = (0.5 - each for each in offset)
         camera = replace(camera, fov=_vertical(plugin, width, height), principal_point=(across, down))
     if plugin.kind == "thinlens":
+        if "aperture_radius" not in plugin:
+            raise plugin.location.error("lacks the parameter `aperture_radius`, which must be there.")
         camera = replace(
             camera,
             aperture_radius=plugin.number("aperture_radius", 0.0, 0.0),
-            focus_distance=plugin.number("focus_distance", 1.0, 1e-12),
+            focus_distance=plugin.number("focus_distance", clips.far, 1e-12),
         )
     else:
         plugin.number("focus_distance", 1.0)  # all of Mitsuba's cameras have this parameter; a pinhole ignores it

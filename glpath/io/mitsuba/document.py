@@ -39,7 +39,9 @@ _MAX_PLUGINS = 2**23
 _MAX_NAME, _MAX_PATHS = 256, 2**10
 # Maximum number of paths in all that are tried to find the files of a scene. Each takes a few microseconds.
 _MAX_LOOKUPS = 2**21
-_DOLLAR = re.compile(r"\$(\w+)")
+# A `$name`, which may have more letters than the name, or `\$`, which stands for a dollar sign.
+_DOLLAR = re.compile(r"(\\?)\$(\w[\w.-]*|)")
+_WORD = re.compile(r"\w+")
 _VERSION = re.compile(r"([0-9]{1,4})(\.|$)")
 _CAMEL = re.compile(r"([a-z0-9])([A-Z])")
 # Tags of Mitsuba 0.x that have another name today.
@@ -47,26 +49,39 @@ _RENAMED = {"lookAt": "lookat"}
 
 
 class SearchPath:
-    """Folders in which a scene's files are looked for if they are not beside the file that names them.
+    """Folders in which a scene's files are looked for.
 
-    The folders are that of the scene, then those of its `<path>`s.
+    The folders are those of its `<path>`s, the latest first, then that of the scene, as in Mitsuba.
     """
 
     def __init__(self, scene_folder: Path) -> None:
-        self.folders = [scene_folder]
-        self._lookups = 0
-        self._found: dict[tuple[Path, str, int], Path] = {}
+        self.folders: list[Path] = []
+        self._by_real_path: dict[str, Path] = {}
+        self._changes = self._lookups = 0
+        self._found: dict[tuple[Path, str, bool, int], Path] = {}
+        self.prepend(scene_folder)
 
-    def find(self, folder: Path, name: str, location: SourceLocation) -> Path:
-        """Return the path of a file in `folder` or else in the other folders; if none has it, that in `folder`.
+    def prepend(self, folder: Path) -> None:
+        """Look in a folder before all others, and only once."""
+        real = os.path.realpath(folder)
+        if next(reversed(self._by_real_path), None) == real:
+            return
+        self._by_real_path.pop(real, None)
+        self._by_real_path[real] = folder
+        self.folders = list(reversed(self._by_real_path.values()))
+        self._changes += 1
 
-        Each name is looked for once. Raises SceneError after _MAX_LOOKUPS paths.
+    def find(self, folder: Path, name: str, location: SourceLocation, *, is_include: bool = False) -> Path:
+        """Return the path of a file; if no folder has it, that in `folder`, the folder of the file that names it.
+
+        As in Mitsuba, `folder` comes first for an include, and last for other files. Each name is looked for once.
+        Raises SceneError after _MAX_LOOKUPS paths.
         """
-        key = (folder, name, len(self.folders))
+        key = (folder, name, is_include, self._changes)
         if key not in self._found:
             check_time()
             self._found[key] = folder / name
-            for each in (folder, *self.folders):
+            for each in (folder, *self.folders) if is_include else (*self.folders, folder):
                 self._lookups += 1
                 if self._lookups > _MAX_LOOKUPS:
                     raise location.error(
@@ -85,7 +100,7 @@ class Element:
     """XML element with its tag, attributes and children, and the folders of the files that it names.
 
     folder   : folder of its file, where relative paths start
-    searched : further folders for files missing there
+    searched : further folders of files
     """
 
     tag: str
@@ -101,7 +116,7 @@ class Element:
 
     def file(self, name: str) -> Path:
         """Return the path of a file that the element names, see `SearchPath.find`. Raises SceneError."""
-        return self.searched.find(self.folder, name, self.location)
+        return self.searched.find(self.folder, name, self.location, is_include=self.tag == "include")
 
     def attribute(self, name: str) -> str:
         """Return the value of a required attribute. Raises SceneError."""
@@ -198,7 +213,6 @@ class _Reader:
 
     def __init__(self, given: Mapping[str, str], scene_folder: Path, complete: bool) -> None:
         self._searched = SearchPath(scene_folder)
-        self._real_folders = {os.path.realpath(scene_folder)}
         self._scene_folder = scene_folder
         self._values = dict(given)
         self._complete = complete
@@ -241,8 +255,7 @@ class _Reader:
         check_time()
         for key, text in element.attributes.items():
             if "$" in text:
-                value = _DOLLAR.sub(lambda found: self._value(found[1], element), text)
-                element.attributes[key] = value
+                element.attributes[key] = _DOLLAR.sub(lambda found: self._substitute(found, element), text)
         name = element.attributes.get("id", "")
         if element.tag not in ("ref", "alias", "default") and name:
             if name in self.identified:
@@ -292,10 +305,12 @@ class _Reader:
                 f"names {' and '.join(map(str, dict.fromkeys(folders)))}, which is no folder.",
                 "Files are looked for in it.",
             )
-        real = os.path.realpath(found[0])
-        if real not in self._real_folders:
-            self._real_folders.add(real)
-            self._searched.folders.append(found[0])
+        self._searched.prepend(found[0])
+
+    def _substitute(self, found: re.Match[str], element: Element) -> str:
+        if found[1]:
+            return found[0].removeprefix("\\")
+        return self._value(found[2], element) if found[2] else found[0]
 
     def _value(self, name: str, element: Element) -> str:
         _check_length(name, element)
@@ -311,9 +326,12 @@ class _Reader:
                         "Do parameters stand for each other?",
                     )
                 return value + name[end:]
+        word = _WORD.match(name)
+        assert word is not None
+        name, rest = word[0], name[word.end() :]
         self.defaults.setdefault(name, None)
         if not self._complete:
-            return ""
+            return rest
         raise element.location.error(
             f"names the parameter `${name}`, which has no value.",
             f'Give it one: -D {name}=..., or <default name="{name}" value="..."/> before it.',
@@ -375,8 +393,13 @@ def _check_old_names(root: Element) -> None:
     if int(found[1]) >= 2:
         return
     for element in _walk(root):
-        if element.tag not in ("default", "include", "alias", "ref") and element.name:
+        if element.tag not in ("default", "include", "alias") and element.name:
             element.attributes["name"] = _CAMEL.sub(r"\1_\2", element.name).lower()
+    for element in _walk(root):
+        if element.tag == "bsdf" and element.attributes.get("type") == "diffuse":
+            for child in element.children:
+                if child.name == "diffuse_reflectance":
+                    child.attributes["name"] = "reflectance"
 
 
 def _walk(element: Element) -> Iterator[Element]:

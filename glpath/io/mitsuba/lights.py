@@ -67,7 +67,9 @@ class Emitters:
                         "shines from all around, as another emitter does.", "Leave one out."
                     )
                 self.sky = _SKIES[plugin.kind](plugin)
-                if plugin.kind == "sunsky":
+                if plugin.kind == "sunsky" and _is_dark(self.sky):
+                    self.notes["a sunsky is dark, because its sun is below the horizon or its scales are 0"] = None
+                elif plugin.kind == "sunsky":
                     self.notes[
                         "a sunsky has the light of Mitsuba's on the ground, but Perez' pattern of the sky"
                     ] = None
@@ -83,6 +85,10 @@ class Emitters:
         world = plugin.transform("to_world")
         axis = world[:3, 2] / np.linalg.norm(world[:3, 2])
         return Light(name, "spot", _intensity(plugin), position=world[:3, 3], direction=axis, cone=(full, end))
+
+
+def _is_dark(sky: Sky | Environment) -> bool:
+    return isinstance(sky, Environment) and sky.sun is None and not sky.image.any()
 
 
 def _intensity(plugin: Plugin) -> Float64:

@@ -47,7 +47,7 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
     textures = Textures()
     surfaces = Surfaces(textures)
     reader, emitters, camera, clips = Reader(surfaces, textures), Emitters(), None, Clips()
-    hides_emitters = False
+    hides_emitters = ignores_media = False
     for child in document.root.children:
         element = document.resolved(child)
         if element.tag == "shape":
@@ -61,7 +61,9 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
         elif element.tag == "sensor":
             emitters.notes["of several sensors the first is taken"] = None
         elif element.tag == "integrator":
-            hides_emitters = _hides_emitters(Plugin(element, document), {})
+            integrator = Plugin(element, document)
+            ignores_media = integrator.kind == "path"
+            hides_emitters = _hides_emitters(integrator, {})
         elif element.tag not in _ASIDE:
             allowed = ", ".join(("shape", "emitter", "sensor", *_ASIDE))
             raise element.location.error(f"is an element of a scene that is not read. Allowed: {allowed}.")
@@ -70,6 +72,8 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
         raise location.error("has no shapes, so there is nothing to see.", 'Add a <shape type="sphere"/>.')
     if hides_emitters and any(shape.emits for shape in reader.shapes):
         emitters.notes["`hide_emitters` is not read: the camera sees the area lights"] = None
+    if ignores_media and any(material.attenuation.any() for material in surfaces.materials):
+        surfaces.notes["Mitsuba's `path` leaves out media, which absorb light here"] = None
     for note in (*surfaces.notes, *emitters.notes, *reader.notes):
         warn(f"{path}: {note}.")
     for text in textures.files.notes():

@@ -349,7 +349,7 @@ def _of_stream(packed: memoryview, version: int, source: str, files: SerializedF
     faces = array("<u8" if vertex_count > 0xFFFFFFFF else "<u4", face_count, 3)
     if not face_count or faces.max() >= vertex_count:
         raise ValueError("its faces name vertices that it does not have")
-    return _finite(Mesh(vertices, faces.astype(np.int32), uv, None if flags & 0x0010 else normals), source)
+    return _finite(Mesh(vertices, faces.astype(np.int32), uv, normals), source)
 
 
 def _finite(mesh: Mesh, source: str) -> Mesh:

@@ -17,7 +17,19 @@ from glpath.system.numerals import real
 from glpath.system.suggestions import similar_names
 
 #: Tags of elements that are plugins.
-PLUGINS = ("bsdf", "texture", "emitter", "shape", "medium", "sensor", "film", "sampler", "rfilter", "integrator")
+PLUGINS = (
+    "bsdf",
+    "texture",
+    "emitter",
+    "shape",
+    "medium",
+    "phase",
+    "sensor",
+    "film",
+    "sampler",
+    "rfilter",
+    "integrator",
+)
 #: Linear Rec. 709 of light with energy 1 at all wavelengths. A light's `<spectrum>` with one number multiplies it.
 EQUAL_ENERGY = np.array([1.204795, 0.948289, 0.908916])
 #: Allowed types of a `<spectrum>`.

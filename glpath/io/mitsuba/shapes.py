@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from glpath.errors import encodable
-from glpath.io.export.geometry import UniqueNames
+from glpath.io.export.geometry import UniqueNames, uv_handedness
 from glpath.io.meshes import has_uv_gaps, without_uv_gaps
 from glpath.io.mitsuba import meshes
 from glpath.io.mitsuba.document import error_of_kind
@@ -92,8 +92,9 @@ class Reader:
             for name, part in self._groups[group]:
                 check_time()
                 maps = _composed(worlds, part.world_from_object)
-                geometry, maps = self._facing(part.geometry, maps, mirrored, part.material)
-                self.shapes.append(Shape(name, geometry, part.material, maps))
+                material = self.surfaces.mirrored(part.material) if mirrored else part.material
+                geometry, maps = self._facing(part.geometry, maps, mirrored, material)
+                self.shapes.append(Shape(name, geometry, material, maps))
 
     def _put(self, name: str, part: _Part, plugin: Plugin) -> None:
         geometry, matrix = part.geometry, part.world_from_object
@@ -113,9 +114,7 @@ class Reader:
         back = self.surfaces.back(surface)
         flips = plugin.flag("flip_normals", False) != self.surfaces.is_turned(surface)
         geometry, world, mirrored = self._placed(plugin, self.surfaces.colour_attribute(surface))
-        lengths = (1.0, 1.0)
-        if self.surfaces.is_bumpy(surface):
-            lengths = meshes.uv_lengths(unit_sphere(3, with_uv=True) if geometry == "sphere" else geometry, world)
+        handedness = self._handedness(surface, geometry, flips != mirrored)
         number = self.surfaces.number(
             surface,
             interior,
@@ -123,16 +122,48 @@ class Reader:
             name,
             emits=emitter is not None,
             one_side=back is not None,
-            uv_lengths=lengths,
+            uv_lengths=self._uv_lengths(surface, geometry, world),
+            handedness=handedness,
         )
         parts = [_Part(*self._facing(geometry, world, flips != mirrored, number), number, emission)]
         if back is not None:
-            number = self.surfaces.number(back, None, None, f"{name}-back", one_side=True)
             geometry, world, _ = self._placed(plugin, self.surfaces.colour_attribute(back))
+            # Mitsuba mirrors the frame of the front at the surface, so that green has the direction of the front.
+            number = self.surfaces.number(
+                back,
+                None,
+                None,
+                f"{name}-back",
+                one_side=True,
+                uv_lengths=self._uv_lengths(back, geometry, world),
+                handedness=self._handedness(back, geometry, flips != mirrored),
+            )
             placed_back = self._facing(geometry, world, flips == mirrored, number)
             parts.append(_Part(*placed_back, number, np.zeros(3)))
         plugin.check_all_read()
         return parts
+
+    def _uv_lengths(
+        self, surface: Plugin | None, geometry: Mesh | Literal["sphere"], world: Float64
+    ) -> tuple[float, float]:
+        """Return the scene units of one u and one v; (1, 1) for a surface that does not depend on them."""
+        if not self.surfaces.is_bumpy(surface):
+            return 1.0, 1.0
+        return meshes.uv_lengths(unit_sphere(3, with_uv=True) if geometry == "sphere" else geometry, world)
+
+    def _handedness(self, surface: Plugin | None, geometry: Mesh | Literal["sphere"], reverse: bool) -> float:
+        """Return the handedness of the texture coordinates, see `uv_handedness`; 1 without a normal map.
+
+        reverse : True if front and back of the geometry are to be exchanged
+        """
+        if not self.surfaces.has_normal_map(surface):
+            return 1.0
+        mesh = unit_sphere(3, with_uv=True) if geometry == "sphere" else geometry
+        # A mesh without texture coordinates gets those of `with_uv_of_triangles`, which are left-handed.
+        handedness, differs = (-1.0, False) if mesh.uv is None else uv_handedness(mesh.uv, mesh.faces)
+        if differs:
+            self.notes["a normal map is inverted along green where texture coordinates are mirrored"] = None
+        return -handedness if reverse else handedness
 
     def _placed(self, plugin: Plugin, attribute: str) -> tuple[Mesh | Literal["sphere"], Float64, bool]:
         """Return a shape's geometry, its (3, 4) transform to world, and True if front and back must be exchanged.

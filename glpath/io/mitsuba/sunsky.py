@@ -64,22 +64,22 @@ _IRRADIANCES = np.array([
 _OF_ALBEDO = (0.2375, 0.239, 0.907)
 # Approximate W m^-2 of daylight per Mitsuba unit. The pattern of Perez' sky depends on irradiances in watts.
 _WATTS = 700.0
+# Minimum altitude of the sun for the pattern of the sky, degrees.
+_LOWEST = 0.01
 
 
 def sun_and_sky(plugin: Plugin) -> Environment:
-    """Return the sky of a `sunsky`, with its sun as a disc. Raises SceneError for a sun below the horizon."""
+    """Return the sky of a `sunsky`, with its sun as a disc. It is dark if the sun is below the horizon."""
     turbidity = plugin.number("turbidity", 3.0, 1.0, 10.0)
     for name in ("sky_scale", "sun_scale"):
         plugin.number(name, 1.0, 0.0)
     albedo = plugin.share("albedo", 0.3)
     plugin.flag("complex_sun", False)
     world = plugin.transform("to_world")[:3, :3]
-    local = _towards_sun(plugin)
+    local = _towards_sun(plugin, world)
     altitude = float(np.degrees(np.arcsin(np.clip(local[2], -1.0, 1.0))))
-    if not altitude > 0:
-        raise plugin.location.error(
-            f"has its sun {-altitude:.3g} degrees below the horizon.", "Take another hour, or give sun_direction."
-        )
+    is_dark = not altitude > 0
+    altitude = max(altitude, _LOWEST)
     table = _IRRADIANCES.reshape(len(_TURBIDITIES), len(_ALTITUDES), 6)
     of_altitudes = np.array(
         [
@@ -90,6 +90,8 @@ def sun_and_sky(plugin: Plugin) -> Environment:
     both = np.array([np.interp(altitude, _ALTITUDES, column) for column in of_altitudes.T])
     of_sky = both[:3] * np.polyval(_OF_ALBEDO, albedo) * plugin.number("sky_scale", 1.0)
     of_sun = both[3:] * plugin.number("sun_scale", 1.0)
+    if is_dark:
+        of_sky, of_sun = 0.0 * of_sky, 0.0 * of_sun
     up, to_sun = (world @ direction for direction in (np.array([0.0, 0.0, 1.0]), local))
     up, to_sun = up / np.linalg.norm(up), to_sun / np.linalg.norm(to_sun)
     shape = PerezSky.of(_WATTS * both[3:].mean(), _WATTS * both[:3].mean(), altitude)
@@ -99,12 +101,16 @@ def sun_and_sky(plugin: Plugin) -> Environment:
     return Environment(grey.image * of_sky.astype(np.float32), up, sun=sun, cut=True)
 
 
-def _towards_sun(plugin: Plugin) -> Float64:
-    """Return the (3,) unit direction to the sun, z up, x to the south and y to the west."""
+def _towards_sun(plugin: Plugin, world: Float64) -> Float64:
+    """Return the (3,) unit direction to the sun, z up, x to the south and y to the west.
+
+    world : (3, 3) rotation of the sky to the world, in which `sun_direction` is given
+    """
     if "sun_direction" in plugin:
         direction = plugin.vector("sun_direction")
         if not np.linalg.norm(direction) > 0:
             raise plugin.where("sun_direction").error("has the length zero.", "For example 0, 0, 1.")
+        direction = np.linalg.solve(world, direction)
         return np.asarray(direction / np.linalg.norm(direction))
     from glpath.io.sun_position import YEARS, sun_positions
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from glpath.io.export.geometry import UniqueNames
+from glpath.io.export.geometry import UniqueNames, tangent_axes
 from glpath.io.mitsuba.document import error_of_kind
 from glpath.io.mitsuba.optical_constants import INDICES, METALS
 from glpath.io.mitsuba.plugin import Plugin
@@ -25,10 +25,12 @@ from glpath.io.mitsuba.textures import Look, Textures
 from glpath.scene.directional_albedo import internal_reflectance
 from glpath.scene.geometry import Float64
 from glpath.scene.material import SMOOTH, Material, metal_reflectance
-from glpath.scene.source_location import shown
+from glpath.scene.source_location import SourceLocation, shown
 
 #: Fields of a `Material` by name.
 Fields = dict[str, Any]
+#: Fields that depend on the texture coordinates of the shape.
+_OF_SHAPE = ("bump", "normal_map")
 _ROUGH = {"multiple_scattering": False}
 _ONE = 1.0 - 1e-9
 
@@ -46,6 +48,8 @@ class Surfaces:
     _known: dict[tuple[object, ...], int] = field(default_factory=dict)
     _made: dict[int, Fields] = field(default_factory=dict)
     _names: UniqueNames = field(default_factory=UniqueNames)
+    _normal_maps: dict[int, tuple[Look, Float64, SourceLocation]] = field(default_factory=dict)
+    _mirrored: dict[int, int] = field(default_factory=dict)
 
     def number(
         self,
@@ -57,6 +61,7 @@ class Surfaces:
         emits: bool = False,
         one_side: bool = False,
         uv_lengths: tuple[float, float] = (1.0, 1.0),
+        handedness: float = 1.0,
     ) -> int:
         """Return the index of a shape's material.
 
@@ -67,12 +72,17 @@ class Surfaces:
         name       : name of the shape, for a material without an id
         emits      : True if the shape emits
         one_side   : True if the back is absent, because the other side has a separate material
-        uv_lengths : scene units of one u and one v, for bump maps
+        uv_lengths : scene units of one u and one v, for bump maps and normal maps
+        handedness : see `uv_handedness`, for normal maps
         """
         bump = None if plugin is None else self._fields(plugin).get("bump")
+        normal_map = None if plugin is None else self._fields(plugin).get("normal_map")
+        turn = np.eye(2)
+        if normal_map is not None:  # Mitsuba's green points along n x u; here it points along v
+            turn = tangent_axes(normal_map[0].matrix, uv_lengths) * [1.0, handedness] + 0.0
         surface: object = ("default", emits) if plugin is None else id(plugin.element)
         key: tuple[object, ...] = (surface, interior and id(interior.element), emission and id(emission))
-        key += (one_side, uv_lengths if bump else None)
+        key += (one_side, uv_lengths if bump else None, turn.tobytes())
         if key not in self._known:
             default = _diffuse(np.full(3, 0.0 if emits else 0.5))
             fields = dict(self._fields(plugin)) if plugin is not None else default
@@ -84,15 +94,35 @@ class Surfaces:
                 fields |= {"two_sided": False, "culled": True}
             if bump is not None:
                 fields["normal_texture"] = self.textures.slot(self.textures.bent(*bump, uv_lengths))
-            for aside in ("vertex_colours", "reflects_alike", "back", "turned", "bump"):
+            if normal_map is not None:
+                look, location = normal_map
+                fields["normal_texture"] = self.textures.slot(self.textures.turned(look, turn, location))
+                self._normal_maps[len(self.materials)] = look, turn, location
+            for aside in ("vertex_colours", "reflects_alike", "back", "turned", "bump", "normal_map"):
                 fields.pop(aside, None)
             self.materials.append(Material(self._names.of((plugin and plugin.id) or name), **fields))
             self._known[key] = len(self.materials) - 1
         return self._known[key]
 
+    def mirrored(self, number: int) -> int:
+        """Return the index of the material for mirrored instances, with the green of normal maps inverted."""
+        if number not in self._normal_maps:
+            return number
+        if number not in self._mirrored:
+            look, turn, location = self._normal_maps[number]
+            slot = self.textures.slot(self.textures.turned(look, turn * [1.0, -1.0] + 0.0, location))
+            material = self.materials[number]
+            self.materials.append(replace(material, name=self._names.of(material.name), normal_texture=slot))
+            self._mirrored[number] = len(self.materials) - 1
+        return self._mirrored[number]
+
     def is_bumpy(self, plugin: Plugin | None) -> bool:
-        """Return True if a surface has a bump map, which depends on the texture's size on the shape."""
-        return plugin is not None and bool(self._fields(plugin).get("bump"))
+        """Return True if a surface has a bump map or normal map, which depends on the shape's coordinates."""
+        return plugin is not None and not self._fields(plugin).keys().isdisjoint(_OF_SHAPE)
+
+    def has_normal_map(self, plugin: Plugin | None) -> bool:
+        """Return True if a surface has a normal map."""
+        return plugin is not None and "normal_map" in self._fields(plugin)
 
     def colour_attribute(self, plugin: Plugin | None) -> str:
         """Return the mesh attribute that supplies a surface's colours, such as vertex_color; empty for none."""
@@ -248,6 +278,7 @@ class Surfaces:
                     'lets light through, but stands in "twosided", which is of opaque surfaces.',
                     "Take it out of it.",
                 )
+            self._check_one_surface(part, plugin)
         fields = {**self._fields(parts[0]), "two_sided": True}
         return fields if len(parts) == 1 else {**fields, "back": parts[1]}
 
@@ -299,6 +330,8 @@ class Surfaces:
 
         if not plugin.flag("nonlinear", False):
             pass
+        elif "vertex_colours" in base:
+            self.notes["the colours of vertices of a nonlinear plastic are taken as those of a linear one"] = None
         elif "look" in base:
             base["texture"] = self.textures.slot(
                 self.textures.baked(base["look"], ("scattered", inside), scattered, plugin.location)
@@ -336,6 +369,8 @@ class Surfaces:
         return fields
 
     def _principled(self, plugin: Plugin) -> Fields:
+        for name in ("main_specular", "clearcoat", "diffuse_reflectance"):
+            plugin.number(f"{name}_sampling_rate", 1.0)  # only affects sampling, not the picture
         for name in ("spec_tint", "sheen", "flatness"):
             plugin.refuse_unless(name, 0.0, "glpath's material has no such lobe")
         self._unused(plugin, "sheen_tint")  # has no effect, because sheen must be 0
@@ -399,7 +434,7 @@ class Surfaces:
             raise texture.location.error("is a normal map, but not raw.", '<boolean name="raw" value="true"/>')
         if np.ptp(look.image[..., :2]) > 0.01 * (255 if look.image.dtype == np.uint8 else 1):
             self.notes["where a normal map turns away from the camera it is not black, as in Mitsuba"] = None
-        return {**self._fields(self._one_inside(plugin)), "normal_texture": self.textures.slot(look)}
+        return {**self._without_bumps(plugin), "normal_map": (look, texture.location)}
 
     def _bump_map(self, plugin: Plugin) -> Fields:
         """Return a surface with a texture of heights.
@@ -411,13 +446,26 @@ class Surfaces:
             raise plugin.location.error(f"has {len(textures)} textures in it, but must have one, of heights.")
         self.notes["a bump map is a normal map, made for the mean size of the texture on its shape"] = None
         bump = self.textures.look(textures[0]), plugin.number("scale", 1.0), plugin.location
-        return {**self._fields(self._one_inside(plugin)), "bump": bump}
+        return {**self._without_bumps(plugin), "bump": bump}
+
+    def _without_bumps(self, plugin: Plugin) -> Fields:
+        """Return the surface inside a bump map or normal map. Raises SceneError if it has a map of its own."""
+        for name in ("flip_invalid_normals", "use_shadowing_function"):
+            if not plugin.flag(name, True):
+                self.notes[f"`{name}` of bump maps and normal maps is not read"] = None
+        fields = self._fields(self._one_inside(plugin))
+        if not fields.keys().isdisjoint(_OF_SHAPE):
+            raise plugin.location.error(
+                "is around another bump map or normal map, but a surface here has one.", "Remove one of them."
+            )
+        return fields
 
     def _mask(self, plugin: Plugin) -> Fields:
         texture = plugin.texture("opacity")
         opacity = plugin.fraction("opacity", 0.5) if texture is None else 1.0
         inner = self._one_inside(plugin)
-        fields = {**self._fields(inner), "alpha": "blend", "opacity": opacity}
+        fields = {**self._fields(inner), "alpha": "blend"}
+        fields["opacity"] = opacity * fields.get("opacity", 1.0)
         if texture is None:
             return fields
         look = self.textures.numbers(texture)
@@ -435,8 +483,9 @@ class Surfaces:
             image = np.ones((*shape, 4), np.float32)
             for rows in look.strips():
                 if under is not None:
-                    image[rows, :, :3] = replace(under, image=under.image[rows]).linear()[..., :3]
-                image[rows, :, 3] = look.grey(rows)
+                    colours = replace(under, image=under.image[rows]).linear()
+                    image[rows, :, : colours.shape[2]] = colours
+                image[rows, :, 3] *= look.grey(rows)
             return (look.with_image(look.name, image),)
 
         key = ("mask", id(look), slot and slot.texture)
@@ -452,6 +501,10 @@ class Surfaces:
         parts = plugin.nested("bsdf")
         if len(parts) != 2:
             raise plugin.location.error(f"has {len(parts)} surfaces in it, but must have two.")
+        if isinstance(weight, Look):
+            weight = self.textures.grey(weight, plugin.location)
+        for part in parts:
+            self._check_one_surface(part, plugin)
         first, second = (self._fields(part) for part in parts)
         if first.get("transmission") == 1.0 and not second.get("transmission"):
             first, second = second, first
@@ -461,13 +514,28 @@ class Surfaces:
                 weight = 1.0 - weight
         if any(np.any(each.get("mirror", 0.0)) or _is_clear_glass(each) for each in (first, second)):
             self.notes["Mitsuba 3.9 loses light where a blend has a mirror or clear glass; here it is kept"] = None
-        if second.get("transmission") == 1.0 and not first.get("transmission") and _same_base(first, second):
+        is_inside_out = second.get("turned") and not first.get("two_sided")  # its front would be inside
+        is_glass = second.get("transmission") == 1.0 and not first.get("transmission") and not is_inside_out
+        is_glass = is_glass and _same_base(first, second)
+        for part in parts:
+            held = self._fields(part)
+            for name, adapter in (("alpha", "mask"), ("normal_map", "normalmap"), ("bump", "bumpmap")):
+                if name not in held:
+                    continue
+                if name == "alpha" or held is second or not is_glass:
+                    raise part.location.error(
+                        f"has a {adapter}, but stands in a blend, whose parts here have none.",
+                        f"Put the blend into a {adapter}.",
+                    )
+                self.notes[f"a {adapter} of a surface blended with glass is one of both"] = None
+        if is_glass:
             if first.get("roughness") is None:
-                ours: Fields = {key: first[key] for key in ("reflectance", "two_sided", "texture") if key in first}
+                own = ("reflectance", "two_sided", "texture", "vertex_colours", *_OF_SHAPE)
+                ours: Fields = {key: first[key] for key in own if key in first}
                 fields = {**second, **ours, "layering": "beside"}
             else:
                 self.notes["a surface blended with glass is one surface of its own roughness"] = None
-                fields = {**first, "ior": second["ior"], "thin": second["thin"]}
+                fields = {**first, **{key: second[key] for key in ("ior", "thin", "turned") if key in second}}
             if isinstance(weight, Look):
                 return {**fields, "transmission": 1.0, "transmission_texture": self.textures.slot(weight)}
             return {**fields, "transmission": weight}
@@ -486,6 +554,14 @@ class Surfaces:
             "Allowed: diffuse surfaces and mirrors; an opaque surface, then glass of the same colour.",
         )
 
+    def _check_one_surface(self, part: Plugin, outer: Plugin) -> None:
+        """Raise SceneError if a surface inside another has different sides."""
+        if "back" in self._fields(part):
+            raise part.location.error(
+                f"has two surfaces, but stands in {shown(outer.kind)}, which here has one.",
+                "Give both of its sides the same surface.",
+            )
+
     def _one_inside(self, plugin: Plugin) -> Plugin:
         parts = plugin.nested("bsdf")
         if len(parts) != 1:
@@ -493,6 +569,7 @@ class Surfaces:
                 f"has {len(parts)} surfaces in it, but must have one.",
                 "Two sides that differ stand in a twosided." if len(parts) == 2 else "",
             )
+        self._check_one_surface(parts[0], plugin)
         return parts[0]
 
     def _attenuation(self, medium: Plugin, fields: Fields) -> Float64:
@@ -505,7 +582,17 @@ class Surfaces:
                 f"is a medium of the type {shown(medium.kind)}, but only an absorbing one inside glass is read.",
                 'Allowed: "homogeneous" with an albedo of 0, in a shape whose surface is a dielectric.',
             )
-        medium.refuse_unless("albedo", 0.0, "light is not scattered in a medium here")
+        why = "light is not scattered in a medium here"
+        if "albedo" not in medium:
+            raise medium.location.error(
+                f"lacks `albedo`, which is 0.75 in Mitsuba, but only 0 is read: {why}.",
+                '<float name="albedo" value="0"/>',
+            )
+        medium.refuse_unless("albedo", 0.0, why)
+        # The phase function has no effect, because nothing is scattered. The flags only affect sampling.
+        medium.nested("phase")
+        for name in ("sample_emitters", "has_spectral_extinction"):
+            medium.flag(name, True)
         sigma = medium.colour("sigma_t", 1.0) * medium.number("scale", 1.0, 0.0)
         medium.check_all_read()
         return sigma
@@ -550,8 +637,10 @@ def _is_clear_glass(fields: Fields) -> bool:
 
 
 def _same_base(first: Fields, second: Fields) -> bool:
-    return np.array_equal(first["reflectance"], second["reflectance"]) and first.get("texture") is second.get(
-        "texture"
+    return (
+        np.array_equal(first["reflectance"], second["reflectance"])
+        and first.get("texture") is second.get("texture")
+        and first.get("vertex_colours") == second.get("vertex_colours")
     )
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from glpath.errors import encodable, warn_at
 from glpath.film.image import luminance, read_eight_bits, read_image
 from glpath.io.description import MAX_TEXTURE_PIXELS
-from glpath.io.export.geometry import map_downwards
+from glpath.io.export.geometry import map_downwards, tangent_axes
 from glpath.io.mitsuba.plugin import Plugin, of_kind
 from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.io.pictures import Pictures
@@ -175,6 +175,28 @@ class Textures:
         key = ("bent", id(look), scale, uv_lengths)
         return self.derived(key, size, location, lambda: (_bent(look, scale, uv_lengths),))[0]
 
+    def turned(self, look: Look, turn: Float64, location: SourceLocation) -> Look:
+        """Return a normal map with red and green multiplied by `turn` (2, 2). Raises SceneError."""
+        if np.array_equal(turn, np.eye(2)):
+            return look
+        made = partial(_turned_normals, look.image, turn)
+        key = ("turned", id(look), turn.tobytes())
+        return self.derived(key, look.image.nbytes, location, lambda: (look.with_image(look.name, made()),))[0]
+
+    def grey(self, look: Look, location: SourceLocation) -> Look:
+        """Return an image whose three channels are the luminance of `look`. Raises SceneError as `derived` does."""
+        if not np.ptp(look.image, axis=2).any():
+            return look
+        height, width = look.image.shape[:2]
+
+        def made() -> tuple[Look]:
+            image = np.empty((height, width, 3), np.float32)
+            for rows in look.strips():
+                image[rows] = look.grey(rows)[..., None]
+            return (look.with_image(look.name, image),)
+
+        return self.derived(("grey", id(look)), _FLOAT_TEXEL * height * width, location, made)[0]
+
     def _elsewhere(self, plugin: Plugin, name: str) -> Path | None:
         """Search for a missing image file under other spellings and in subfolders; return None if not found."""
         for folder in (plugin.element.folder, *plugin.element.searched.folders):
@@ -259,7 +281,8 @@ def _to_uv(plugin: Plugin) -> Float64:
     """Return Mitsuba's `to_uv` as a (2, 3) affine map, converted from its v downwards to v upwards."""
     given = plugin.transform("to_uv")
     scale = np.diag([plugin.number("uscale", 1.0), plugin.number("vscale", 1.0), 1.0])
-    scale[:2, 2] = plugin.number("uoffset", 0.0), plugin.number("voffset", 0.0)
+    # Mitsuba scales the offsets as well.
+    scale[:2, 2] = scale[:2, :2] @ [plugin.number("uoffset", 0.0), plugin.number("voffset", 0.0)]
     matrix = np.eye(3)
     matrix[:2, :2], matrix[:2, 2] = given[:2, :2], given[:2, 3]
     return map_downwards((scale @ matrix)[:2], (1.0, 1.0))[:2]
@@ -297,6 +320,19 @@ def _interpolated(image: Float64, axis: int, wrap: Wrap) -> Float64:
     return np.asarray(first * (1.0 - part) + second * part)
 
 
+def _turned_normals(
+    image: NDArray[np.uint8] | NDArray[np.float32], turn: Float64
+) -> NDArray[np.uint8] | NDArray[np.float32]:
+    """Return a normal map (h, w, 3) whose red and green, as distances from 0.5, are multiplied by `turn` (2, 2)."""
+    is_bytes = image.dtype == np.uint8
+    middle = 127.5 if is_bytes else 0.5
+    turned = image.copy()
+    for row, stored in zip(turned, image, strict=True):
+        plane = middle + (stored[:, :2] - middle) @ turn.T
+        row[:, :2] = np.clip(np.rint(plane), 0.0, 255.0) if is_bytes else plane
+    return turned
+
+
 def _bent(look: Look, scale: float, uv_lengths: tuple[float, float]) -> Look:
     """Convert an image of heights to a normal map.
 
@@ -318,6 +354,7 @@ def _bent(look: Look, scale: float, uv_lengths: tuple[float, float]) -> Look:
         across = 0.5 * columns * (np.roll(own, -1, axis=1) - np.roll(own, 1, axis=1))
         upwards = 0.5 * rows_count * (above - below)
         slopes = np.einsum("kij,kl->ijl", np.stack([across, upwards]), look.matrix[:, :2]) / uv_lengths
+        slopes = slopes @ tangent_axes(look.matrix, uv_lengths).T
         normals = np.concatenate([-slopes, np.ones((*own.shape, 1))], axis=2)
         normals /= np.linalg.norm(normals, axis=2, keepdims=True)
         image[rows] = 0.5 + 0.5 * normals
