@@ -95,7 +95,7 @@ def read_rgbe(path: Path) -> tuple[NDArray[np.float32], tuple[float, ...] | None
     check_unfolded(4 * width * height, len(data), _PIXEL_BYTES * width * height)
     colours = np.empty((height, width, 3), np.float32)
     exposure = np.float32(header.exposure[0])
-    balance = np.float32(header.exposure) / exposure
+    balance = np.array(header.exposure, np.float32) / exposure
     rows = max(_ROWS, _BLOCK_PIXELS // width)
     pixels = np.empty((rows, width, 4), np.uint8)
     position = 0

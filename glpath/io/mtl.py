@@ -385,7 +385,7 @@ class _Reader:
         """
         if given is None:
             return None
-        colours = given.image[..., :3]
+        colours: Image = given.image[..., :3]
         if self.library.check(given.image, _is_light if is_light else _is_reflectance):
             return self.library.slot((id(given.image),), lambda: colours, given, True)
         self.library.notes[
@@ -393,7 +393,9 @@ class _Reader:
         ] = None
         clipped = (id(given.image), is_light)
         maximum = np.inf if is_light else 1.0
-        return self.library.slot(clipped, lambda: np.clip(colours, 0.0, maximum), given, True, colours.nbytes)
+        return self.library.slot(
+            clipped, lambda: np.asarray(np.clip(colours, 0.0, maximum), np.float32), given, True, colours.nbytes
+        )
 
     def _same_slot(self, first: _Map | None, second: _Map | None, names: str) -> None:
         if first is not None and second is not None and not np.array_equal(first.matrix, second.matrix):
@@ -518,7 +520,7 @@ def _data_bytes(image: Image) -> NDArray[np.uint8]:
     """Return the levels of values that are no colours; floats from 0 to 1 are scaled linearly."""
     if image.dtype == np.uint8:
         return np.asarray(image, np.uint8)
-    return np.asarray(np.clip(image, 0.0, 1.0) * 255 + 0.5, np.uint8)
+    return np.asarray(np.clip(np.asarray(image, np.float32), 0.0, 1.0) * 255 + 0.5, np.uint8)
 
 
 def _is_light(image: Image) -> bool:

@@ -250,7 +250,7 @@ def irradiance(
     return Irradiance(run_job(job, loaded, run_options), len(positions))
 
 
-def lit(scene: Scene, by_white_sky: bool, ambient: ArrayLike | None = None) -> Scene:
+def lit(scene: Scene, by_white_sky: bool, ambient: float | Sequence[float] | None = None) -> Scene:
     """Return the scene with the light to measure: its own light, or a white sky.
 
     ambient : ambient radiance that replaces the scene's

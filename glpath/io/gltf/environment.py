@@ -85,7 +85,7 @@ def _linear(stored: NDArray[Any]) -> NDArray[np.float32]:
     An image with four channels is RGBD: its colour is divided by the fourth channel, so values can exceed 1.
     """
     full = np.iinfo(stored.dtype).max
-    light = decode_srgb(np.arange(full + 1) / full).astype(np.float32)[stored[..., :3]]
+    light: NDArray[np.float32] = decode_srgb(np.arange(full + 1) / full).astype(np.float32)[stored[..., :3]]
     if stored.shape[2] == 4:
         light /= np.maximum(stored[..., 3:] / np.float32(full), np.float32(1 / 255))
     return light

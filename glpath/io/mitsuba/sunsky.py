@@ -110,8 +110,8 @@ def _towards_sun(plugin: Plugin, world: Float64) -> Float64:
         direction = plugin.vector("sun_direction")
         if not np.linalg.norm(direction) > 0:
             raise plugin.where("sun_direction").error("has the length zero.", "For example 0, 0, 1.")
-        direction = np.linalg.solve(world, direction)
-        return np.asarray(direction / np.linalg.norm(direction))
+        local = np.linalg.solve(world, direction)
+        return np.asarray(local / np.linalg.norm(local))
     from glpath.io.sun_position import YEARS, sun_positions
 
     latitude = plugin.number("latitude", 35.6894, -90.0, 90.0)

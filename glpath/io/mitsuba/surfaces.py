@@ -93,7 +93,8 @@ class Surfaces:
             if one_side:
                 fields |= {"two_sided": False, "culled": True}
             if bump is not None:
-                fields["normal_texture"] = self.textures.slot(self.textures.bent(*bump, uv_lengths))
+                look, scale, location = bump
+                fields["normal_texture"] = self.textures.slot(self.textures.bent(look, scale, location, uv_lengths))
             if normal_map is not None:
                 look, location = normal_map
                 fields["normal_texture"] = self.textures.slot(self.textures.turned(look, turn, location))
@@ -432,7 +433,7 @@ class Surfaces:
         look = self.textures.look(texture)
         if look.srgb:
             raise texture.location.error("is a normal map, but not raw.", '<boolean name="raw" value="true"/>')
-        if np.ptp(look.image[..., :2]) > 0.01 * (255 if look.image.dtype == np.uint8 else 1):
+        if float(np.ptp(look.image[..., :2])) > 0.01 * (255 if look.image.dtype == np.uint8 else 1):
             self.notes["where a normal map turns away from the camera it is not black, as in Mitsuba"] = None
         return {**self._without_bumps(plugin), "normal_map": (look, texture.location)}
 
@@ -471,7 +472,7 @@ class Surfaces:
         look = self.textures.numbers(texture)
         shape, slot = look.image.shape[:2], fields.get("texture")
         under = None if slot is None else self.textures.textures[slot.texture]
-        if under is not None:
+        if slot is not None and under is not None:
             same = under.image.shape[:2] == shape and np.array_equal(slot.uv_transform, look.matrix)
             if not same or (under.filter, under.wrap[0]) != (look.filter, look.wrap):
                 raise texture.location.error(
