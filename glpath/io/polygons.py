@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, pairwise
 from typing import Any
 
@@ -64,7 +64,7 @@ class _Work:
     """
 
     cost: int = 0
-    comparisons: int = _MAX_COMPARISONS
+    comparisons: int = field(default_factory=lambda: _MAX_COMPARISONS)
 
     def add(self, cost: int, what: str) -> None:
         """Add to the cost. Raises ValueError, which names the polygons, if the sum is too large."""

@@ -12,7 +12,7 @@ import pytest
 from glpath import load_scene
 from glpath.errors import SceneWarning
 from glpath.io.completed import aside
-from glpath.io.polygons import polygon_normal, split_polygons, triangulated
+from glpath.io.polygons import limited_polygons, polygon_normal, split_polygons, triangulated
 from glpath.scene.model import Mesh
 
 
@@ -264,8 +264,21 @@ def test_the_cost_of_large_polygons_of_a_mesh_is_limited(crosses: bool, monkeypa
     assert split.crossing == (3 if crosses else 0)
     assert np.array_equal(np.unique(split.polygons), [0, 1, 2])
     monkeypatch.setattr("glpath.io.polygons._MAX_EAR_COST", 3 * 100**2 * (16 if crosses else 1) - 1)
-    with pytest.raises(ValueError, match="polygons of up to 100 corners take too long to split"):
+    with pytest.raises(ValueError, match="polygons of up to 100 corners, .* take too long to split"):
         split_polygons(ring, corners, sizes)
+
+
+def test_polygons_of_several_meshes_share_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second of two equal meshes exceeds the limit within the context, and not outside of it."""
+    ring = np.random.default_rng(0).random((100, 3)) * [1, 1, 0]
+    corners, sizes = np.arange(100), np.full(1, 100)
+    monkeypatch.setattr("glpath.io.polygons._MAX_EAR_COST", 20 * 100**2)
+    split_polygons(ring, corners, sizes)
+    split_polygons(ring, corners, sizes)
+    with limited_polygons():
+        split_polygons(ring, corners, sizes)
+        with pytest.raises(ValueError, match="take too long to split"):
+            split_polygons(ring, corners, sizes)
 
 
 def test_the_number_of_outlines_that_are_compared_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
