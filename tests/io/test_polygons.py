@@ -264,7 +264,7 @@ def test_the_cost_of_large_polygons_of_a_mesh_is_limited(crosses: bool, monkeypa
     assert split.crossing == (3 if crosses else 0)
     assert np.array_equal(np.unique(split.polygons), [0, 1, 2])
     monkeypatch.setattr("glpath.io.polygons._MAX_EAR_COST", 3 * 100**2 * (16 if crosses else 1) - 1)
-    with pytest.raises(ValueError, match="polygons of up to 100 corners, .* take too long to split"):
+    with pytest.raises(ValueError, match=r"polygons of up to 100 corners, .* take too long to split"):
         split_polygons(ring, corners, sizes)
 
 
