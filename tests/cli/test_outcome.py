@@ -94,9 +94,9 @@ class Saved:
 def test_checkpoint_that_cannot_be_removed_leaves_a_finished_solution(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def solve(scene: object, options: dict[str, Any], mode: str) -> Saved:
+    def solve(scene: object, options: dict[str, Any], mode: str) -> tuple[Saved, bool]:
         options["checkpoint"].path.mkdir()
-        return Saved()
+        return Saved(), True
 
     monkeypatch.setattr("glpath.cli.radiosity._solve", solve)
     done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "-q", "--checkpoint", "1h")

@@ -436,7 +436,7 @@ def test_watchdog_hears_of_a_matrix_while_it_is_solved(lit_box, monkeypatch):
 
     monkeypatch.setattr(matrix, "_BEAT_INTERVAL", 0.01)
     monkeypatch.setattr(np.linalg, "solve", solve)
-    monkeypatch.setattr(heartbeat, "listener", lambda: beats.append(1))
+    monkeypatch.setattr(heartbeat, "listener", lambda paused: beats.append(1))
     solve_radiosity(lit_box, method="matrix", patches=12, receiver_points=1)
     assert heard == [True] * 3  # for each channel
 
