@@ -467,9 +467,9 @@ def _packed(
 
 
 def _unit(scene: Scene, parts: list[Part]) -> float:
-    """Return the scene units per unit of xatlas, a power of two.
+    """Return the length by which coordinates are divided for xatlas, a power of two.
 
-    It is about the scene's extent, or less if the smallest triangles would be degenerate for xatlas.
+    It is about the scene's extent, or smaller if xatlas would otherwise take the smallest triangles for lines.
     """
     extent = float(np.max(np.ptp(np.stack(scene.bounds), axis=0)))
     areas = scene.areas  # read once, because the property computes the areas at each access

@@ -243,7 +243,7 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
 
 
 def bias_lines(film: Film) -> Iterator[str]:
-    """Yield a line on the bias of the integrator "gather", or on the bias because of which "path" replaced it."""
+    """Yield a line on the bias of the gather, or, if it was too large, a line that "path" replaced the gather."""
     bias, rejected = film.bias(), film.rejected_bias()
     if bias is not None:
         large = "" if bias.is_small() else ", which is too large; --integrator path has none"

@@ -423,7 +423,7 @@ def _direct(of: DaylightCoefficients, part: slice, position: NDArray[np.intp], t
 
 
 def _sunlight(of: DaylightCoefficients, skies: HourlySkies, part: slice) -> Float32:
-    """Return (n, L) illuminance of some sensors by direct sunlight, lx."""
+    """Return the illuminance by direct sunlight of the n sensors in `part` at L hours of daylight, (n, L) lx."""
     return _direct(of, part, skies.position, skies.to_sun) * skies.sun("illuminance").astype(np.float32)
 
 

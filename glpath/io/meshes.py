@@ -349,7 +349,11 @@ def _strokes(path: Path, points: Float64, lines: NDArray[Any], colours: Float64 
 
 
 def _ply(content: bytes, path: Path, colours: bool) -> MeshFile:
-    """Return the contents of a PLY. With `colours`, a file without faces becomes rods along edges, or balls."""
+    """Return the contents of a PLY.
+
+    colours : True if a file without faces becomes rods along its edges, or balls at its points if it has no edges;
+              False if it is empty
+    """
     header = read_header(content)
     if not colours and not header.count("face", "tristrips"):
         return MeshFile([])

@@ -51,7 +51,7 @@ _EPW_HOLIDAYS = "HOLIDAYS/DAYLIGHT SAVING"
 _EPW_FIELDS = 35
 # Number of lines before the first hour of a TMY3 file.
 _TMY3_HEAD = 2
-# Minimum irradiance that counts as noise of a pyranometer, and thus as 0, W m^-2. Lower values are errors.
+# Negative irradiance down to this value, W m^-2, is noise of a pyranometer and is read as 0; below, it is an error.
 _MIN_NOISE = -20.0
 # Maximum difference between global irradiance and that of sun plus sky, summed over the year, as a fraction of the
 # global irradiance. Above it a warning is printed.

@@ -197,7 +197,7 @@ def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
     threads = {"LP_NUM_THREADS": str(share if share > 1 else 0)} if count > 1 else {}
     import dask
 
-    # The scheduler shall not repeat tasks of lost workers. `chunks` repeats them, because it knows more about them.
+    # The scheduler does not repeat tasks of lost workers, because glpath.jobs.chunks does, with limits of its own.
     settings: dict[str, Any] = {"distributed.scheduler.allowed-failures": 0}
     if not dashboard:
         # Schedulers and workers always listen for HTTP. Without routes they answer no request.

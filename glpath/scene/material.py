@@ -509,7 +509,7 @@ class Material:
 
     @property
     def base_share(self) -> float:
-        """Fraction of uniform illumination that a white base sends back through the dielectric."""
+        """Fraction of uniform illumination that a white base returns, through its dielectric if it has one."""
         if self.layering == "plastic" and self.transmission < 1:
             assert self.roughness is not None
             return plastic_entry(self.ior, self.roughness**2, self.distribution)[1] ** 2

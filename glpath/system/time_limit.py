@@ -59,7 +59,7 @@ class _Limit:
     resumes: bool = False
 
 
-# A thread begins without a limit, so each render checks the limit of its own call.
+# A context variable, because renders in different threads have different limits. A new thread has none.
 _limit: ContextVar[_Limit | None] = ContextVar("time_limit", default=None)
 # Work of the innermost `named_work`, such as "reading room.obj", for checks that do not name their work.
 _work: ContextVar[str | None] = ContextVar("work", default=None)

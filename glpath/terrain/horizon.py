@@ -186,7 +186,7 @@ class Horizon:
         return _along(math.sin(azimuth)) / self.field.spacing[0], -_along(math.cos(azimuth)) / self.field.spacing[1]
 
     def _on_grid(self, begin: int, end: int) -> Float64:
-        """Return column, row and height (n, 3) of the receivers `begin` to `end`. Holes have height 0."""
+        """Return column, row and height (n, 3) of the receivers `begin` to `end`; missing heights count as 0."""
         found = np.empty((end - begin, 3))
         if self.points is None:
             row, column = np.divmod(np.arange(begin, end), self.field.shape[1])

@@ -460,7 +460,7 @@ class Shooting:
         return arrivals, int(hits)
 
     def error_of_mean(self) -> float | None:
-        """Return the relative standard error of the irradiance of all surfaces; None if nothing arrived."""
+        """Return the relative standard error of the power that arrives at all surfaces; None if none arrived."""
         power = (self.lit.mean(axis=2) * self.open_areas).sum()
         power += self.flux.mean(axis=3).sum() / max(self.particles, 1)
         if not (self.particles and power > 0):

@@ -443,7 +443,8 @@ def _monte_carlo(
             wanted = round(asked * elements / len(shooting.mesh.elements))
             if time_is_up():  # refined lattices would start anew, without particles
                 raise TimeLimitError("time_limit: over before the lattices are refined.")
-            coarser = shooting.state()  # before the call, because a signal may come at its end
+            # Stored before `deepen`, because Ctrl-C may interrupt it after it has changed the state.
+            coarser = shooting.state()
             if shooting.deepen(detail):
                 batches = min(wanted, max(asked, _MAX_BATCHES))
                 continue
