@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from glpath.accel.nodes import Bvh, Tree
 from glpath.errors import UsageError
+from glpath.system.heartbeat import heartbeat
 from glpath.system.kernels import inner_kernel, kernel, kernel_part
 from glpath.system.machine import core_count
 from glpath.system.time_limit import check_time
@@ -62,6 +63,7 @@ def build_bvh(lower: ArrayLike, upper: ArrayLike, leaf_size: int = 4) -> Bvh:
     tree, work = Tree.empty(count), _Workspace.of(count, boxes.dtype)
     while (end := _build(boxes, 0, count, int(leaf_size), count, 0, tree, work, _BOXES_PER_CALL)) < 0:
         check_time("building the BVH")
+        heartbeat.beat()
     return tree.bvh(end)
 
 
@@ -95,6 +97,8 @@ def build_in_threads(boxes: NDArray[Any], threads: int | None = None) -> Bvh:
             while running:
                 done, running = wait(running, _CHECK_INTERVAL, FIRST_COMPLETED)
                 check_time("building the BVH")
+                if done:
+                    heartbeat.beat()
                 running |= {pool.submit(build, *part) for each in done for part in each.result()}
         except BaseException:
             stopped.set()

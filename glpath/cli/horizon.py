@@ -242,7 +242,7 @@ def _points(path: Path, classes: str | None) -> NDArray[Any]:
 def _table(path: Path, option: str, needed: tuple[str, ...], optional: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     """Return columns (N,) of a CSV file, by their names in its first line. Raises UsageError.
 
-    If an optional column is missing, other columns may be misspelt names of it, so there is an error or a warning.
+    If an optional column is missing, other columns may be misspelt names of it, so there is a warning.
 
     option : command line option of the file, for messages
     needed : names of columns that must exist; `optional` columns are returned if they exist
@@ -272,7 +272,7 @@ def _table(path: Path, option: str, needed: tuple[str, ...], optional: tuple[str
         near = [] if name in names else similar_names(name, others, 1, 0.75)
         if names.count(name) > 1:
             wrong = f"has two columns {name}"
-        elif near or (name in needed and name not in names):
+        elif name in needed and name not in names:
             wrong = f"has no column {name}"
         if wrong:
             break

@@ -219,13 +219,14 @@ def radiosity(
         if checkpoint is not None and by_scheduler() and not check:
             forget()  # nothing is left to resume
         _end(solution, out, loaded, not run.talks, solved=radiosity is None)
+        fault = remove_checkpoint(checkpoint) if checkpoint is not None else ""
         if check and solution is not None:
             from glpath.rendering import element_error
 
             release()  # signals may end the check, because the solution is saved
             found = result_of(lambda: element_error(loaded, solution))
             say(json.dumps(found.recorded()) if run.progress == "json" else str(found), err=True)
-        if checkpoint is not None and (fault := remove_checkpoint(checkpoint)):
+        if fault:
             raise done_but(fault)
 
 

@@ -17,6 +17,7 @@ from glpath.cli.run_request import OF_MATRICES, RunRequest
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.signals import exit_code, result_of
 from glpath.cli.typed import typed_command
+from glpath.cli.unattended import done_but, remove_checkpoint
 from glpath.cli.values import check_choice
 from glpath.errors import GlpathError, UsageError
 from glpath.system.files import check_outputs, check_writable, is_stream, rescued, save_all, short_name
@@ -41,8 +42,8 @@ def register(app: typer.Typer) -> None:
         ("glpath viewfactors city.stl -o F.npz --error 1e-2 --resume", "coarse; resumes where it stopped"),
     )
     epilog = (
-        f"Exit codes: 0 done, 1 failed, 2 wrong usage, 75 ended by a signal ({TERMINATING_TEXT}) with --resume "
-        "(start it again), 130 interrupted (continue with --resume)."
+        "Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done, but the checkpoint was not removed, 75 ended by a "
+        f"signal ({TERMINATING_TEXT}) with --resume (start it again), 130 interrupted (continue with --resume)."
     )
     texts = {
         "resume": "Keep rows that are done in FILE.part (of the first), and resume from them after an interruption."
@@ -147,13 +148,14 @@ def viewfactors(
         _, failure = save_all(dict.fromkeys(out, found.save), rescue, kept)
         if failure is not None:
             raise failure
-        if checkpoint is not None:
-            checkpoint.remove()
+        fault = remove_checkpoint(checkpoint) if checkpoint is not None else ""
     if run.talks:
         for line in _summary(found):
             say(line, err=True)
         for path in out:
             say(f"wrote {path}", err=True)
+    if fault:
+        raise done_but(fault)
 
 
 def _checkpoint(out: Path) -> ViewFactorCheckpoint:

@@ -87,7 +87,7 @@ def field(
     if min(rows, columns) >= 3 and given.size and given.min() < given.max():
         x = extent[0] + (np.arange(columns) + 0.5) * wide / columns
         y = extent[2] + (np.arange(rows) + 0.5) * high / rows
-        levels = MaxNLocator(6).tick_values(first, last)[1:-1]  # without the levels below and above all values
+        levels = MaxNLocator(6).tick_values(first, last)[1:-1]  # the outermost ones enclose all values
         lines = axes.contour(x, y, values, levels=levels, colors="white", linewidths=0.8)
         axes.clabel(lines, fontsize=8, fmt="%g")
     axes.set_xlabel(labels[0], color=INK, fontsize=11)

@@ -405,19 +405,19 @@ def _box(x: int, y: int, width: int, height: int) -> tuple[NDArray[np.int32], ND
 def read_image(path: str | Path, colours: bool = True) -> Float64:
     """Read an image file that is not a film; `glpath.film.film.read_image` lists the formats and the result.
 
-    colours : True to convert an .exr with other primaries to Rec. 709; False for data that are not colours, such as
-              normals
+    colours : True to convert an .exr or .hdr with other primaries to Rec. 709; False for data that are not
+              colours, such as normals
     """
     return _read(path, colours).astype(np.float64, copy=False)
 
 
-def read_environment(path: str | Path) -> NDArray[np.float32]:
+def read_environment(path: str | Path, display: bool = True) -> NDArray[np.float32]:
     """Read an image file as (H, W, 3) float32. For an .hdr, this needs less memory than `read_image`.
 
-    An .exr is cropped, or padded with zeros, to its display window.
+    display : True to crop an .exr, or to pad it with zeros, to its display window
     """
     with np.errstate(over="ignore"):  # values that float32 cannot hold become infinite
-        return _read(path, True, display=True).astype(np.float32, copy=False)
+        return _read(path, True, display=display).astype(np.float32, copy=False)
 
 
 @checked
@@ -440,6 +440,8 @@ def _read(path: str | Path, colours: bool, display: bool = False, alpha: bool = 
         check_file(path)
         if suffix == ".exr":
             return _three_channels(_read_exr(path, colours, display, alpha), alpha)
+        if suffix == ".hdr":
+            return _three_channels(_read_hdr(path, colours))
         return _three_channels(_READERS[suffix](path))
 
 
@@ -595,9 +597,9 @@ def _read_jpeg(path: Path) -> Float64:
         return decode_levels(iio.imread(path, plugin="pillow", index=0, mode="RGB"))
 
 
-def _read_hdr(path: Path) -> NDArray[np.float32]:
+def _read_hdr(path: Path, convert: bool = True) -> NDArray[np.float32]:
     colours, primaries = read_rgbe(path)
-    matrix = None if primaries is None else _matrix_to_rec709(primaries)
+    matrix = None if primaries is None or not convert else _matrix_to_rec709(primaries)
     return colours if matrix is None else colours @ matrix.T.astype(np.float32)
 
 

@@ -39,7 +39,7 @@ class Header(NamedTuple):
     size     : (width, height), pixels
     flips    : two bool: True if columns run from right to left, and True if rows run from bottom to top
     exposure : factors of red, green and blue by which the stored values were multiplied
-    primaries : chromaticities x and y of red, green, blue and white; None if the header has none
+    primaries : chromaticities x and y of red, green, blue and white; None if the header has none, or only zeros
     """
 
     size: tuple[int, int]
@@ -62,17 +62,22 @@ def read_header(file: BinaryIO) -> Header:
         if key == b"FORMAT" and value.strip() != b"32-bit_rle_rgbe":
             raise ValueError(f"its FORMAT is {value.decode('latin-1')}, expected 32-bit_rle_rgbe")
         if key in _COUNTS:
-            numbers = [float(word) for word in value.split()]
-            if len(numbers) != _COUNTS[key] or not np.isfinite(numbers).all():
-                raise ValueError(f"its {line.decode('latin-1').strip()[:80]} has not {_COUNTS[key]} finite numbers")
+            try:
+                numbers = [float(word) for word in value.split()]
+            except ValueError:
+                numbers = []
+            valid = len(numbers) == _COUNTS[key] and bool(np.isfinite(numbers).all())
             if key == b"PRIMARIES":
-                primaries = tuple(numbers)
-            else:
-                red, green, blue = numbers if len(numbers) == 3 else numbers * 3
-                exposure = exposure[0] * red, exposure[1] * green, exposure[2] * blue
+                # Some programs write eight zeros for unknown primaries.
+                primaries = tuple(numbers) if valid and any(numbers) else None
+                continue
+            if not valid:
+                raise ValueError(f"its {line.decode('latin-1').strip()[:80]} has not {_COUNTS[key]} finite numbers")
+            red, green, blue = numbers if len(numbers) == 3 else numbers * 3
+            exposure = exposure[0] * red, exposure[1] * green, exposure[2] * blue
     for factor in exposure:
         if not 0 < factor < np.inf:
-            raise ValueError(f"its EXPOSURE is {factor:g}")
+            raise ValueError(f"its EXPOSURE times COLORCORR is {factor:g}")
     line = file.readline(80)
     found = _RESOLUTION.fullmatch(line)
     if found is None or found[1][1:] != b"Y" or found[3][1:] != b"X":

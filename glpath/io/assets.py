@@ -115,7 +115,7 @@ class Assets:
             if is_flat:
                 assert isinstance(here.geometry, Mesh)
                 full_name = f"{name}/{shape.name}"
-                mesh = tessellate.with_area(here.geometry, here.world_from_object[0], full_name, location)
+                mesh = tessellate.with_area(here.geometry, here.world_from_object, full_name, location)
                 here = replace(here, geometry=mesh)
             here = self._moving(here, shape.motion, world, moved, began)
             self.shapes.append(replace(here, name=f"{name}/{shape.name}", material=material, emission=emission))

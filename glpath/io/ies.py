@@ -100,7 +100,7 @@ class _Reader:
         if has_lamp_factor:
             factor *= self._factor("the ballast lamp factor")
         else:
-            self._number("the file generation type")
+            self._number("the file generation type, or a reserved number")
         self._number("the input watts")
         gamma = self._angles("gamma", rows)
         if not (gamma[0] >= 0 and gamma[-1] <= 180):

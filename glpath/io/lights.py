@@ -272,14 +272,14 @@ def _opacity_of(shape: Shape, material: Material, textures: Sequence[Texture], l
     if isinstance(shape.geometry, Mesh) and shape.geometry.colours is not None:
         alpha = shape.geometry.colours[:, 3]
         low, high = low * float(alpha.min()), high * float(alpha.max())
+    low, high = (float(opacity_of(material, np.array(alpha))) for alpha in (low, high))
     if low != high:
         raise location.field("flux").error(
             f"is of a material with alpha = {shown(material.alpha)}, whose opacity varies.", "Give it a radiance."
         )
-    opacity = float(opacity_of(material, np.array(low)))
-    if not opacity > 0:
+    if not low > 0:
         raise location.field("flux").error("is of a material whose opacity is 0, so that nothing of it emits.")
-    return opacity
+    return low
 
 
 def _area_of(shape: Shape) -> float:

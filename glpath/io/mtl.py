@@ -549,7 +549,7 @@ def _grey(given: _Map) -> NDArray[np.uint8]:
     image = _data_bytes(given.image)
     if given.index < image.shape[2]:
         return np.ascontiguousarray(image[..., given.index])
-    # Six times the rounded mean, in integers of 16 bits, because floats would take eight times the memory.
+    # Six times (mean + 0.5), in integers of 16 bits, because floats would take eight times the memory.
     total = image[..., 0].astype(np.uint16)
     for index in (1, 2):
         total += image[..., index]

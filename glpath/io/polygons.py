@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain, pairwise
 from typing import Any
 
@@ -42,7 +42,7 @@ _NO_AREA = 1e-9
 _LEFT_OUT = 1e-3
 # Maximum number of corners of a polygon whose edges are tested for crossing each other.
 _MAX_COMPARED = 1 << 8
-# Maximum sum of squared numbers of corners of the polygons that are tested so. They take a second.
+# Maximum sum of squared numbers of corners of the polygons of a mesh that are tested so. They take a second.
 _MAX_COMPARISONS = 1 << 25
 # Maximum number of crossings of edges with bands in a polygon with holes; above it ear clipping is used.
 _MAX_CROSSED = 40_000
@@ -57,20 +57,15 @@ _CUT_COST, _EDGE_COST = 100_000, 7
 
 @dataclass
 class _Work:
-    """Work on slow polygons. The units are squared numbers of corners.
-
-    cost        : work done so far
-    comparisons : work that is left for tests if edges cross
-    """
+    """Work on slow polygons so far. The unit is that of a polygon's squared number of corners."""
 
     cost: int = 0
-    comparisons: int = field(default_factory=lambda: _MAX_COMPARISONS)
 
     def add(self, cost: int, what: str) -> None:
         """Add to the cost. Raises ValueError, which names the polygons, if the sum is too large."""
         self.cost += cost
         if self.cost > _MAX_EAR_COST:
-            raise ValueError(f"{what} take too long to split, so save them as triangles")
+            raise ValueError(f"with those before them, {what} take too long to split, so save them as triangles")
 
 
 _work: ContextVar[_Work | None] = ContextVar("work", default=None)
@@ -78,7 +73,7 @@ _work: ContextVar[_Work | None] = ContextVar("work", default=None)
 
 @contextmanager
 def limited_polygons() -> Iterator[None]:
-    """Context in which all polygons together may take the time that otherwise each mesh may take."""
+    """Context in which the limit of time of a mesh's polygons holds for the polygons of all meshes together."""
     token = _work.set(_work.get() or _Work())
     try:
         yield
@@ -124,7 +119,7 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
         return Split(np.arange(3 * len(sizes)).reshape(-1, 3), np.arange(len(sizes)))
     first = np.cumsum(sizes) - sizes
     triangles, polygons, crossing = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)], 0
-    work = _work.get() or _Work()
+    work, comparisons = _work.get() or _Work(), _MAX_COMPARISONS
     for size in np.unique(sizes[sizes >= 3]).tolist():
         check_time()
         chosen = np.flatnonzero(sizes == size)
@@ -145,8 +140,8 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
             step = max(1, _STEP_COST // size**2)
             for part in (others[at : at + step] for at in range(0, len(others), step)):
                 check_time()
-                ears, of, ears_cross = _ears_of_rings(rings[part], work.comparisons // size**2)
-                work.comparisons = max(0, work.comparisons - len(part) * size**2)
+                ears, of, ears_cross = _ears_of_rings(rings[part], comparisons // size**2)
+                comparisons = max(0, comparisons - len(part) * size**2)
                 number_crossing = int(np.count_nonzero(ears_cross))
                 crossing += number_crossing
                 if size > _FAST_EAR_CORNERS:

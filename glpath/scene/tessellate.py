@@ -171,10 +171,14 @@ def with_projected_uv(mesh: Mesh) -> Mesh:
 def with_area(mesh: Mesh, world_from_mesh: Float64, name: str, location: SourceLocation) -> Mesh:
     """Return `mesh` without triangles that have no area in the world. A SceneWarning reports their number.
 
+    world_from_mesh : map to the world, or (N, 3, 4) maps of N instances; triangles stay that have an area in one
+
     Raises SceneError if no triangle has an area. `name` and `location` are those of the shape.
     """
     check_time()
-    flat = without_area(placed(mesh.vertices, world_from_mesh)[mesh.faces])
+    flat = np.ones(len(mesh.faces), np.bool_)
+    for each in world_from_mesh if world_from_mesh.ndim == 3 else [world_from_mesh]:
+        flat &= without_area(placed(mesh.vertices, each)[mesh.faces])
     if not flat.any():
         return mesh
     if flat.all():

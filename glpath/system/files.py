@@ -125,7 +125,7 @@ def replacing_links() -> Iterator[None]:
 
 @contextmanager
 def without_waiting() -> Iterator[None]:
-    """Context in which writing to a pipe fails if nobody reads the pipe, instead of waiting for a reader.
+    """Context in which writing to a pipe fails if nobody reads the pipe, or too slowly, instead of waiting.
 
     Standard output is an exception.
     """
@@ -486,7 +486,7 @@ def _opened(path: str | Path) -> AbstractContextManager[BinaryIO]:
 
 def _open_at_once(path: str, flags: int) -> int:
     try:
-        return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+        return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
     except OSError as error:
         if error.errno == errno.ENXIO:
             raise OSError(errno.ENXIO, "nobody reads the pipe") from error

@@ -27,7 +27,6 @@ from pathlib import Path
 
 from glpath.errors import TimeLimitError, UsageError
 from glpath.system.arguments import short_repr
-from glpath.system.heartbeat import heartbeat
 from glpath.system.machine import posix_module
 
 _os = posix_module("posix")
@@ -236,13 +235,10 @@ def preparing_scene() -> Iterator[None]:
 def check_time(doing: str | None = None, estimate: float = 0.0) -> None:
     """Raise TimeLimitError if the limit and its grace are over, or will be when the next call returns.
 
-    Report to the watchdog that a part of the work is finished.
-
     doing    : current work for the message, such as "building the BVH"; None: the work of the enclosing
                `named_work`. Without `doing` and outside of `named_work`, the time is not checked
     estimate : seconds that the next call will take at least, if nothing can end it
     """
-    heartbeat.beat()
     limit, doing = _limit.get(), doing or _work.get()
     if limit is None or doing is None or time.perf_counter() + estimate < limit.ends + limit.grace:
         return

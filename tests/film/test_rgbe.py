@@ -89,6 +89,15 @@ def test_the_primaries_of_the_header_are_converted(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         read_image(tmp_path / "a.hdr")[0], [[1.2249, -0.0420, -0.0196], [1, 1, 1]], atol=1e-4
     )
+    np.testing.assert_array_equal(read_image(tmp_path / "a.hdr", colours=False)[0, 0], [1, 0, 0])
+
+
+@pytest.mark.parametrize("value", [b"0 0 0 0 0 0 0 0", b"0.64 0.33", b"unknown"])
+def test_primaries_that_are_not_stated_are_those_of_rec_709(value: bytes, tmp_path: Path) -> None:
+    """Photoshop and ImageMagick write eight zeros."""
+    pixels = b"\n-Y 1 +X 1\n" + bytes([128, 64, 0, 129])
+    (tmp_path / "a.hdr").write_bytes(HEAD + b"PRIMARIES=" + value + b"\n" + pixels)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.hdr")[0, 0], [1, 0.5, 0])
 
 
 @pytest.mark.parametrize(
@@ -96,8 +105,8 @@ def test_the_primaries_of_the_header_are_converted(tmp_path: Path) -> None:
     [
         (b"P6 3 4", "does not begin with #[?]RADIANCE"),
         (HEAD.replace(b"rgbe", b"xyze") + b"\n-Y 1 +X 1\n" + bytes(4), "FORMAT is 32-bit_rle_xyze"),
-        (HEAD + b"EXPOSURE=0\n\n-Y 1 +X 1\n" + bytes(4), "EXPOSURE is 0"),
-        (HEAD + b"EXPOSURE=bright\n\n-Y 1 +X 1\n" + bytes(4), "could not convert"),
+        (HEAD + b"EXPOSURE=0\n\n-Y 1 +X 1\n" + bytes(4), "EXPOSURE times COLORCORR is 0"),
+        (HEAD + b"EXPOSURE=bright\n\n-Y 1 +X 1\n" + bytes(4), "EXPOSURE=bright has not 1 finite"),
         (HEAD + b"\n+X 4 -Y 3\n" + bytes(48), "size is '[+]X 4 -Y 3'"),
         (HEAD + b"\n-Y 0 +X 1\n", "1 x 0 pixels"),
         (HEAD + b"\n-Y 99999999 +X 99999999\n" + bytes(99), "unfold"),

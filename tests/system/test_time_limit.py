@@ -10,7 +10,6 @@ import pytest
 
 from glpath.errors import TimeLimitError
 from glpath.system import time_limit
-from glpath.system.heartbeat import heartbeat
 from glpath.system.time_limit import (
     GRACE,
     check_time,
@@ -59,14 +58,6 @@ def test_a_single_call_that_ends_too_late_is_not_begun(clock: Clock) -> None:
         with pytest.raises(TimeLimitError, match=r"time_limit=10: reading a.png would take about 7.1 s, more than"):
             check_time("reading a.png", 6.0 + 1.1 * GRACE)
     check_time("reading a.png", 1e9)
-
-
-def test_the_watchdog_hears_of_each_check(monkeypatch: pytest.MonkeyPatch) -> None:
-    beats: list[int] = []
-    monkeypatch.setattr(heartbeat, "listener", lambda paused: beats.append(1))
-    check_time()
-    check_time("building the BVH")
-    assert len(beats) == 2
 
 
 def test_what_may_be_left_out_has_half_of_the_time_that_is_left(clock: Clock) -> None:

@@ -115,7 +115,7 @@ def _profiled(
     if direction is not None and along_x is not None:
         # Perpendicular to `direction` even if the node is sheared.
         c0 = (along_x @ direction) * direction - along_x
-    if direction is None or not np.linalg.norm(c0) > 0:
+    if direction is None or not np.linalg.norm(c0) > 1e-9:
         document.notes.add(_SCALED_LIGHTS)
         return None
     number = node.location.path.rpartition("[")[2].rstrip("]")

@@ -72,7 +72,6 @@ class Surfaces:
     textures: list[Texture] = field(default_factory=list)
     _numbers: dict[int | None, int] = field(default_factory=dict)
     _texture_numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
-
     _names: set[str] = field(default_factory=set)
     _unreadable: set[int] = field(default_factory=set)
 
@@ -213,9 +212,9 @@ class Surfaces:
 
     def _emission(self, table: Table) -> Float64:
         """Return the (3,) emitted radiance of a material that is not unlit."""
-        if "emissiveTexture" in table and self._look_up(table, "emissiveTexture") is None:
-            return np.zeros(3)  # without its texture, the factor would make the whole surface emit
         factor, stronger = table.numbers("emissiveFactor", (0, 0, 0), 0.0), table.extension(_STRENGTH)
+        if factor.any() and "emissiveTexture" in table and self._look_up(table, "emissiveTexture") is None:
+            return np.zeros(3)  # without its texture, the factor would make the whole surface emit
         return factor if stronger is None else factor * stronger.number("emissiveStrength", 1.0, 0.0)
 
     def _emission_texture(self, table: Table) -> dict[str, Any]:
@@ -253,10 +252,10 @@ class Surfaces:
                         if is_colour
                         else self._share(found, name, default)
                     )
-                for name, target in layer.numbers.items():
-                    low = 1.0 if target == "iridescence_ior" else 0.0
-                    fields[target] = found.number(name, getattr(_PLAIN, target), low)
                 if np.any(fields[layer.strength]):
+                    for name, target in layer.numbers.items():
+                        low = 1.0 if target == "iridescence_ior" else 0.0
+                        fields[target] = found.number(name, getattr(_PLAIN, target), low)
                     for name, into in layer.textures.items():
                         fields[into.field] = self._slot(found, name, srgb=into.srgb)
                         if into.scale is not None and name in found:

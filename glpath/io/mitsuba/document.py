@@ -313,7 +313,8 @@ class _Reader:
         return self._value(found[2], element) if found[2] else found[0]
 
     def _value(self, name: str, element: Element) -> str:
-        _check_length(name, element)
+        word = _WORD.match(name)
+        _check_length(name if word is None else word[0], element)
         # The longest known name counts, as in Mitsuba, so `$widthpx` may be `$width` and px.
         for end in range(min(len(name), self._longest), 0, -1):
             if name[:end] in self._values:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,7 +112,9 @@ def _environment(plugin: Plugin) -> Environment:
     where = plugin.where("filename")
     path = plugin.element.file(plugin.text("filename"))
     scale, world = plugin.number("scale", 1.0, 0.0), plugin.transform("to_world")
-    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, where, read_environment)
+    # Mitsuba takes the data window of an EXR for the whole map.
+    read = partial(read_environment, display=False)
+    stored = stored_picture(path, "an environment map", MAPS, MAX_ENVIRONMENT_PIXELS, where, read)
     plugin.flag("mis_compensation", False)  # only affects sampling, not the radiance
     image = np.maximum(stored, 0.0, out=stored)
     map_from_world = plugin.inverse_transform("to_world")[:3, :3]

@@ -281,7 +281,7 @@ class Surfaces:
                 )
             self._check_one_surface(part, plugin)
         fields = {**self._fields(parts[0]), "two_sided": True}
-        return fields if len(parts) == 1 else {**fields, "back": parts[1]}
+        return fields if parts[0].element is parts[-1].element else {**fields, "back": parts[1]}
 
     def _conductor(self, plugin: Plugin) -> Fields:
         rough = self._rough(plugin, 0.1) if plugin.kind == "roughconductor" else {"roughness": 0.0}

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import encodable, warn_at
-from glpath.film.image import luminance, read_eight_bits, read_texture
+from glpath.film.image import luminance, read_eight_bits, read_image
 from glpath.io.description import MAX_TEXTURE_PIXELS
 from glpath.io.export.geometry import map_downwards, tangent_axes
 from glpath.io.mitsuba.plugin import Plugin, of_kind
@@ -261,7 +261,7 @@ def _stored(path: Path, colours: bool) -> NDArray[np.uint8] | NDArray[np.float32
     eight_bits = read_eight_bits(path)
     if eight_bits is not None:
         return np.ascontiguousarray(eight_bits[..., :3])
-    return np.ascontiguousarray(np.maximum(read_texture(path, colours)[..., :3], 0.0), np.float32)
+    return np.ascontiguousarray(np.maximum(read_image(path, colours)[..., :3], 0.0), np.float32)
 
 
 def _checkerboard(plugin: Plugin) -> Look:

@@ -111,6 +111,8 @@ class _Part:
 class ViewFactorCheckpoint(CheckpointFile):
     """Checkpoint file of the finished rows, which its owner keeps until the matrix is saved.
 
+    `view_factors` sets the interval between two checkpoints.
+
     with ViewFactorCheckpoint(Path("F.npz.part")) as checkpoint:
         view_factors(faces, resume=checkpoint).save("F.npz")
         checkpoint.remove()
