@@ -326,6 +326,16 @@ def test_the_flux_of_a_lamp_with_holes_is_refused(fields: dict[str, Any], words:
         glpath.load_scene(scene(shapes=[ball], materials={"lamp": fields}, textures={"leaf": leaf}))
 
 
+def test_the_flux_of_a_lamp_whose_mask_is_closed_everywhere_is_accepted(tmp_path: Path) -> None:
+    """Each alpha is above the cutoff, 0.5. A sphere of radius 1 has the area 4 pi."""
+    iio.imwrite(tmp_path / "leaf.png", np.array([[[9, 9, 9, 255], [9, 9, 9, 160]]], np.uint8))
+    leaf = {"type": "image", "file": str(tmp_path / "leaf.png")}
+    ball = {"type": "sphere", "radius": 1, "material": "lamp", "emission": {"flux": 100}}
+    lamp = {"alpha": "mask", "texture": "leaf"}
+    loaded = glpath.load_scene(scene(shapes=[ball], materials={"lamp": lamp}, textures={"leaf": leaf}))
+    np.testing.assert_allclose(4 * np.pi**2 * loaded.shapes[0].emission, 100)
+
+
 @pytest.mark.parametrize(
     ("light", "words"),
     [

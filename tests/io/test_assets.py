@@ -20,7 +20,9 @@ from glpath.io.completed import aside
 from glpath.io.description import scene_schema as described
 from glpath.io.gltf import read_gltf
 from glpath.io.gltf.load import OpenFile
-from glpath.scene import Scene
+from glpath.scene import Scene, tessellate
+from glpath.scene.model import Mesh
+from glpath.scene.source_location import SourceLocation
 from tests.support.gltf_files import Gltf
 from tests.support.lit_models import CAMERA_AND_LIGHT
 from tests.support.models import gltf, obj
@@ -228,6 +230,15 @@ WRONG = {
     "empty": ('file = "empty.gltf"', "assets[1].file names {folder}/empty.gltf, which has no triangles."),
     "broken": ('file = "broken.ply"', "assets[1].file names {folder}/broken.ply, which cannot be read as PLY"),
 }
+
+
+def test_a_triangle_stays_that_has_an_area_in_one_of_several_instances() -> None:
+    triangle = Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), np.array([[0, 1, 2]], np.int32))
+    flat, whole = np.diag([1, 0.0, 1, 0])[:3], np.eye(3, 4)
+    location = SourceLocation("a")
+    assert len(tessellate.with_area(triangle, np.stack([flat, whole]), "a", location).faces) == 1
+    with pytest.raises(SceneError, match="none of which has an area"):
+        tessellate.with_area(triangle, np.stack([flat, flat]), "a", location)
 
 
 @pytest.mark.parametrize("case", WRONG)
