@@ -28,7 +28,7 @@ from glpath.cli.signals import (
     result_of,
 )
 from glpath.cli.unattended import SOLVING, check_absent, done_but, left_in, remove_checkpoint, watched
-from glpath.errors import ImageError, UsageError
+from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film.choices import TIME_LIMIT
 from glpath.io.completed import aside
 from glpath.system.files import check_outputs, check_separate, check_writable, save_all
@@ -219,14 +219,18 @@ def radiosity(
         if checkpoint is not None and by_scheduler() and not check:
             forget()  # nothing is left to resume
         _end(solution, out, loaded, not run.talks, solved=radiosity is None)
-        fault = remove_checkpoint(checkpoint) if checkpoint is not None else ""
         if check and solution is not None:
             from glpath.rendering import element_error
 
             release()  # signals may end the check, because the solution is saved
-            found = result_of(lambda: element_error(loaded, solution))
+            try:
+                found = result_of(lambda: element_error(loaded, solution))
+            except GlpathError:  # such as a black picture; the solution is complete and saved
+                if checkpoint is not None:
+                    remove_checkpoint(checkpoint)
+                raise
             say(json.dumps(found.recorded()) if run.progress == "json" else str(found), err=True)
-        if fault:
+        if checkpoint is not None and (fault := remove_checkpoint(checkpoint)):
             raise done_but(fault)
 
 
