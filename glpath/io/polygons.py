@@ -55,30 +55,26 @@ _FAST_EAR_CORNERS, _CROSSING, _MAX_EAR_COST, _STEP_COST = 80, 16, 1 << 33, 1 << 
 _CUT_COST, _EDGE_COST = 100_000, 7
 
 
-@dataclass
-class _Work:
-    """Work on slow polygons so far. The unit is that of a polygon's squared number of corners."""
-
-    cost: int = 0
-
-    def add(self, cost: int, what: str) -> None:
-        """Add to the cost. Raises ValueError, which names the polygons, if the sum is too large."""
-        self.cost += cost
-        if self.cost > _MAX_EAR_COST:
-            raise ValueError(f"with those before them, {what} take too long to split, so save them as triangles")
+# Cost so far of the slow polygons of a scene, as a list of one number; None outside `limited_polygons`.
+_cost: ContextVar[list[int] | None] = ContextVar("cost", default=None)
 
 
-_work: ContextVar[_Work | None] = ContextVar("work", default=None)
+def _add_cost(cost: int, what: str) -> None:
+    """Add to the cost of a scene's polygons. Raises ValueError, with the text `what`, if it becomes too large."""
+    total = _cost.get() or [0]
+    total[0] += cost
+    if total[0] > _MAX_EAR_COST:
+        raise ValueError(f"with those before them, {what} take too long to split, so save them as triangles")
 
 
 @contextmanager
 def limited_polygons() -> Iterator[None]:
     """Context in which the limit of time of a mesh's polygons holds for the polygons of all meshes together."""
-    token = _work.set(_work.get() or _Work())
+    token = _cost.set(_cost.get() or [0])
     try:
         yield
     finally:
-        _work.reset(token)
+        _cost.reset(token)
 
 
 @dataclass(frozen=True)
@@ -103,6 +99,7 @@ def split_faces(positions: Float64, faces: Sequence[Sequence[int]]) -> tuple[Int
 
 
 @np.errstate(over="ignore", invalid="ignore")  # positions that are too large are reported later
+@limited_polygons()
 def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any]) -> Split:
     """Return triangles that cover each polygon once, including concave polygons.
 
@@ -119,7 +116,7 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
         return Split(np.arange(3 * len(sizes)).reshape(-1, 3), np.arange(len(sizes)))
     first = np.cumsum(sizes) - sizes
     triangles, polygons, crossing = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)], 0
-    work, comparisons = _work.get() or _Work(), _MAX_COMPARISONS
+    comparisons = _MAX_COMPARISONS
     for size in np.unique(sizes[sizes >= 3]).tolist():
         check_time()
         chosen = np.flatnonzero(sizes == size)
@@ -146,7 +143,7 @@ def split_polygons(positions: Float64, corners: NDArray[Any], sizes: NDArray[Any
                 crossing += number_crossing
                 if size > _FAST_EAR_CORNERS:
                     cost = size**2 * (len(part) + (_CROSSING - 1) * number_crossing)
-                    work.add(cost, f"polygons of up to {size:,} corners, above all those that cross themselves,")
+                    _add_cost(cost, f"polygons of up to {size:,} corners, above all those that cross themselves,")
                 triangles.append(starts[part][of, None] + ears)
                 polygons.append(chosen[part][of])
             local, starts, chosen = (np.delete(each, others, axis=0) for each in (local, starts, chosen))
@@ -377,7 +374,7 @@ def triangulated(boundary: Float64, holes: Sequence[Float64] = ()) -> tuple[Floa
         covered = 0.5 * float(np.abs(_doubled_areas(points[faces])).sum())
         is_crossed = abs(wanted - covered) > _LEFT_OUT * size
         cost = len(points) ** 2 * (_CROSSING if is_crossed else 1)
-        (_work.get() or _Work()).add(cost, f"polygons with holes, of up to {len(points):,} corners,")
+        _add_cost(cost, f"polygons with holes, of up to {len(points):,} corners,")
         return vertices, faces.astype(np.int32), wanted - covered
     flat, numbers = _faces(corners)
     missing = wanted - 0.5 * float(_doubled_areas(flat[numbers]).sum())
@@ -421,7 +418,7 @@ def _trapezoids(rings: Sequence[Float64]) -> Float64 | None:
         return None
     if len(starts) > _FAST_EAR_CORNERS:
         cost = len(levels) * (_CUT_COST + _EDGE_COST * len(starts))
-        (_work.get() or _Work()).add(cost, f"polygons with holes, of up to {len(starts):,} corners,")
+        _add_cost(cost, f"polygons with holes, of up to {len(starts):,} corners,")
     found = []
     for low, high in pairwise(levels):
         middle = 0.5 * (low + high)

@@ -1,4 +1,7 @@
-"""Geometry for other programs: triangles, with a normal at every corner of smoothly shaded meshes."""
+"""Geometry, names and notes of differences, for reading and writing files of other programs.
+
+Other programs have triangles, a normal at every corner of smoothly shaded meshes, and v downwards in images.
+"""
 
 from __future__ import annotations
 
