@@ -238,7 +238,7 @@ class FramesToRender:
             self._write_movies(len(todo))
 
     def _write_movies(self, done: int) -> None:
-        """Encode all frames. A signal ends the encoding, because the frames stay and `--resume` encodes them again.
+        """Encode all frames. A signal may stop this at once: the frames stay, and `--resume` encodes them again.
 
         done : number of frames that this command has rendered
         """

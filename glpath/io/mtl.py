@@ -191,7 +191,7 @@ class Library:
     ) -> TextureSlot | None:
         """Return the texture slot of an image, which is made once for each `key`.
 
-        Returns None, with a note, if the images that are made of the pictures become too large for their files.
+        Returns None, with a note, if the converted images take too much memory for the size of their files.
 
         new_bytes : bytes of an image that is made; 0 for a view of a picture
         """
@@ -341,7 +341,7 @@ class _Reader:
         }
 
     def _base_slot(self, base: _Map | None, alpha: _Map | None) -> TextureSlot | None:
-        """Return the slot of a texture with map_Kd as its colours and map_d as its alpha; None without both."""
+        """Return the slot of a texture with map_Kd as colours and map_d as alpha; None if the material has neither."""
         if base is None and alpha is None:
             return None
         if alpha is None:

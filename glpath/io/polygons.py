@@ -44,7 +44,7 @@ _LEFT_OUT = 1e-3
 _MAX_COMPARED = 1 << 8
 # Maximum sum of squared numbers of corners of the polygons of a mesh that are tested so. They take a second.
 _MAX_COMPARISONS = 1 << 25
-# Maximum number of crossings of edges with bands in a polygon with holes; above it ear clipping is used.
+# Maximum number of times that edges of a polygon with holes cross bands; above it ear clipping is used.
 _MAX_CROSSED = 40_000
 # Maximum number of corners for ear clipping. Its time is quadratic at worst, and half a second for this many.
 _MAX_EAR_CORNERS = 1 << 14

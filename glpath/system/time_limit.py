@@ -62,7 +62,7 @@ class _Limit:
 _limit: ContextVar[_Limit | None] = ContextVar("time_limit", default=None)
 # Work of the innermost `named_work`, such as "reading room.obj", for checks that do not name their work.
 _work: ContextVar[str | None] = ContextVar("work", default=None)
-# Start of the process, from which its command's time counts, by `time.perf_counter`; None outside `command_clock`.
+# `time.perf_counter` at the start of the process, when the time of a command begins; None outside `command_clock`.
 _command_began: float | None = None
 
 
@@ -78,7 +78,7 @@ def command_clock() -> Iterator[None]:
 
 
 def in_command() -> bool:
-    """Return True inside `command_clock`, in a process that belongs to the command."""
+    """Return True if this process runs a glpath command, that is, inside `command_clock`."""
     return _command_began is not None
 
 

@@ -292,7 +292,7 @@ def _transform(path: Path, raster: Any) -> Any:
     _check_beside(beside, path)
     try:
         a, d, b, e, x, y = map(real, read_bytes(beside, _MAX_WORLD_BYTES).decode().split())
-    except ValueError:  # whose text would quote the file
+    except ValueError:  # dropped, because its text would contain contents of the file
         raise SceneError(f"{beside}: is no world file of six numbers.", "Remove it, or write it anew.") from None
     return type(raster.transform)(a, b, x - 0.5 * (a + b), d, e, y - 0.5 * (d + e))
 

@@ -275,7 +275,7 @@ Surface surface_of_triangle(int triangle, vec3 position, vec4 plane)
     return s;
 }
 
-// Variants for the triangle that the eye ray or path of a pixel has hit. It may be streamed; its data are then in
+// Variants of the functions above for the triangle that a pixel's ray has hit. It may be streamed; its data are then in
 // the pixel's record.
 #ifdef STREAMED
 #include "scene/stream_records.glsl"

@@ -94,7 +94,7 @@ def shutter_times(
 
 
 def _in_single_precision(time: float) -> float:
-    """Return a time as files store it; a key at 0.1 s is 1.5e-9 s later than the double-precision 0.1."""
+    """Return a time rounded to float32, as key times are in files, so that 0.1 s equals a key at 0.1 s."""
     return float(np.float32(np.clip(time, -LARGEST, LARGEST)))
 
 

@@ -39,7 +39,7 @@ _MAX_PLUGINS = 2**23
 _MAX_NAME, _MAX_PATHS = 256, 2**10
 # Maximum number of paths in all that are tried to find the files of a scene. Each takes a few microseconds.
 _MAX_LOOKUPS = 2**21
-# A `$name`, which may have more letters than the name, or `\$`, which stands for a dollar sign.
+# A `$` and all letters that may belong to a name, which may be only their beginning; or `\$` for a dollar sign.
 _DOLLAR = re.compile(r"(\\?)\$(\w[\w.-]*|)")
 _WORD = re.compile(r"\w+")
 _VERSION = re.compile(r"([0-9]{1,4})(\.|$)")

@@ -190,7 +190,7 @@ class Occluders:
         return Polygons(forms.reshape(-1, 12), bounds, flags.astype(np.uint8), length)
 
     def check_points(self, points: Float64, name: str) -> None:
-        """Raise UsageError for points beyond the range for which rounding errors are covered."""
+        """Raise UsageError for points so far away that rounding errors could exceed the tolerances."""
         if points.ndim != 2 or points.shape[1] != 3:
             raise UsageError(f"{name}: shape {points.shape}; must be (n, 3).")
         largest = np.abs(points).max(initial=0.0)

@@ -441,7 +441,7 @@ def _monte_carlo(
             detail = shooting.detail()
             elements = sum(int(leaf.sum()) for leaf in detail.leaves)
             wanted = round(asked * elements / len(shooting.mesh.elements))
-            if time_is_up():  # refined lattices would start anew, without particles
+            if time_is_up():  # refining discards all particles, and no time is left for new ones
                 raise TimeLimitError("time_limit: over before the lattices are refined.")
             # Stored before `deepen`, because Ctrl-C may interrupt it after it has changed the state.
             coarser = shooting.state()
