@@ -341,7 +341,7 @@ class _Reader:
         }
 
     def _base_slot(self, base: _Map | None, alpha: _Map | None) -> TextureSlot | None:
-        """Return the slot of a texture with map_Kd as colours and map_d as alpha; None if the material has neither."""
+        """Return the slot of a texture with map_Kd as colours and map_d as alpha; None if there is neither."""
         if base is None and alpha is None:
             return None
         if alpha is None:

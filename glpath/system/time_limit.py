@@ -62,7 +62,7 @@ class _Limit:
 _limit: ContextVar[_Limit | None] = ContextVar("time_limit", default=None)
 # Work of the innermost `named_work`, such as "reading room.obj", for checks that do not name their work.
 _work: ContextVar[str | None] = ContextVar("work", default=None)
-# `time.perf_counter` at the start of the process, when the time of a command begins; None outside `command_clock`.
+# `time.perf_counter` at the start of the process, when its command begins; None outside `command_clock`.
 _command_began: float | None = None
 
 
