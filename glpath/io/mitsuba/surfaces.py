@@ -515,9 +515,8 @@ class Surfaces:
                 weight = 1.0 - weight
         if any(np.any(each.get("mirror", 0.0)) or _is_clear_glass(each) for each in (first, second)):
             self.notes["Mitsuba 3.9 loses light where a blend has a mirror or clear glass; here it is kept"] = None
-        is_inside_out = second.get("turned") and not first.get(
-            "two_sided"
-        )  # the front of the glass would face inwards
+        # The front of the glass would face inwards.
+        is_inside_out = second.get("turned") and not first.get("two_sided")
         is_glass = second.get("transmission") == 1.0 and not first.get("transmission") and not is_inside_out
         is_glass = is_glass and _same_base(first, second)
         for part in parts:
