@@ -79,9 +79,9 @@ class CheckpointFile(Locked):
         return os.path.exists(self.path)
 
     def due(self, step: int) -> bool:
-        """Return True if a checkpoint is due after `step` steps."""
+        """Return True if a checkpoint is due after `step` steps; also if the work has begun to count steps anew."""
         by_time = self.seconds is not None and time.monotonic() - self._last_time >= self.seconds
-        return by_time or (self.steps is not None and step - self._last_step >= self.steps)
+        return by_time or (self.steps is not None and not 0 <= step - self._last_step < self.steps)
 
     def written_by(self, save: Callable[[Path], None], step: int, last: bool = False) -> bool:
         """Write the file and return True on success. The log reports each reason of failure once.

@@ -28,7 +28,7 @@ from glpath.system.files import whole_file
 from glpath.system.npz import open_npz
 from glpath.system.versions import versions
 
-_FORMAT = 2
+_FORMAT = 3
 
 
 class Solver(Protocol):

@@ -118,6 +118,7 @@ class Shooting:
     adaptive  : maximum number of times that an element is split in four
     threshold : fraction of the local irradiance by which parts of an element have to differ for it to be split
     particles : number of particles shot
+    goal      : number of batches after which the solver decides whether to refine lattices or to end; 0: not set
     tree      : nested lattices; particles are counted on the finest
     flux      : (2, 2, E, 3) energy that arrived at the fronts and backs of the tree's finest elements, W times
                 `particles`; [0] straight from a lamp, [1] after a reflection
@@ -137,6 +138,7 @@ class Shooting:
     adaptive: int = 0
     threshold: float = 0.25
     particles: int = 0
+    goal: int = 0
     hits: int = 0
     tree: Quadtree = field(init=False)
     flux: Float64 = field(init=False)
@@ -186,8 +188,8 @@ class Shooting:
             depth = np.asarray(np.ceil(np.log2(np.maximum(finer, 1.0))), np.int64)
         return np.minimum(depth, min(self.adaptive, _FIRST_DEPTH))
 
-    def _count_on(self, tree: Quadtree) -> None:
-        """Start anew, with the lattices of `tree` and no particles."""
+    def _count_on(self, tree: Quadtree, goal: int = 0) -> None:
+        """Start anew, with the lattices of `tree`, no particles and another goal."""
         divisions = tree.finest
         flux = np.zeros((2, 2, int((divisions**2).sum()), 3))
         seen = None
@@ -201,6 +203,7 @@ class Shooting:
             square=np.zeros(flux.shape[1:3]),
             view=np.zeros(2),
             particles=0,
+            goal=goal,
             hits=0,
             _seen=seen,
         )
@@ -215,8 +218,10 @@ class Shooting:
         light = self.flux[INDIRECT] + direct * self.flux[DIRECT]
         return Detail.of(self.tree, light, self.square, self.mesh.scene.areas, self.threshold)
 
-    def deepen(self, detail: Detail) -> bool:
+    def deepen(self, detail: Detail, goal: int) -> bool:
         """Refine lattices if the light changes within their finest elements, and start anew without particles.
+
+        `goal` is the number of batches for the refined lattices.
 
         Returns False if no lattice needs a refinement, or none is allowed.
         """
@@ -235,7 +240,7 @@ class Shooting:
             depth[triangle] += steps
         if np.array_equal(depth, self.tree.depth):
             return False
-        self._count_on(Quadtree(self.tree.coarse, depth))
+        self._count_on(Quadtree(self.tree.coarse, depth), goal)
         return True
 
     def _find_lamps(self, sides: Sides) -> tuple[Lamps, _Lit, int]:
@@ -430,7 +435,7 @@ class Shooting:
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return all data that the solution depends on, for `restore`."""
-        counts = np.array([self.particles, self.hits], np.int64)
+        counts = np.array([self.particles, self.hits, self.goal], np.int64)
         return {
             "flux": self.flux,
             "square": self.square,
@@ -449,7 +454,9 @@ class Shooting:
                     f"`{name}` is of another mesh: {state[name].shape}, {getattr(self, name).shape} here"
                 )
             setattr(self, name, np.array(state[name]))
-        self.particles, self.hits = map(int, state["counts"])
+        if state["counts"].shape != (3,) or int(state["counts"].min()) < 0:
+            raise ValueError("`counts` is expected to have three numbers from 0 on")
+        self.particles, self.hits, self.goal = map(int, state["counts"])
 
     def _batch(self, number: int) -> tuple[Arrivals, int]:
         arrivals = Arrivals(np.zeros_like(self.flux), np.zeros_like(self.square), np.zeros((2, 0, BINS)))

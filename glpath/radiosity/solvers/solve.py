@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import TimeLimitError, UsageError, kept_in
-from glpath.film.choices import TIME_LIMIT
+from glpath.film.choices import INTERRUPTED_RULE, TIME_LIMIT
 from glpath.io import AnyScene, load_scene
 from glpath.lights.lighting import Lighting
 from glpath.radiosity.form_factors.form_factor import Kind
@@ -62,7 +62,7 @@ _MAX_BATCHES = 64
 #: Target relative error of the gathered light for a camera. Light of a sky may enter through a small window, so
 #: particles are added until the standard error meets this target.
 _VIEW_ERROR = 0.003
-#: `stop_rule` in the statistics of a solution, unless the time limit ended it.
+#: `stop_rule` in the statistics of a solution, unless the time limit or Ctrl-C ended it.
 DONE = "done"
 # Name of the work before the first step, for the error message of a time limit.
 _MESHING = "meshing the scene for its radiosity"
@@ -395,18 +395,16 @@ def _matrix(run: _Run, transport: Transport) -> RadiositySolution:
 def _monte_carlo(
     run: _Run, shooting: monte_carlo.Shooting, particles: int, checkpoint: SolverCheckpoint | None
 ) -> RadiositySolution:
-    if checkpoint is not None and checkpoint.begin(
-        shooting, run.scene.digest(camera=False), run.method, run.settings
-    ):
+    asked = shooting.goal = -(-particles // BATCH)
+    # Particles and refinement depend on the camera if they start by their importance for it.
+    scene_hash = run.scene.digest(camera=shooting.for_camera)
+    if checkpoint is not None and checkpoint.begin(shooting, scene_hash, run.method, run.settings):
         run.resumed(checkpoint)
-    asked = -(-particles // BATCH)
-    # If a checkpoint has more batches, continue to the next multiple of `asked`, where refinement is decided.
-    batches = max(asked, -(-(shooting.particles // BATCH) // asked) * asked)
 
     def report() -> None:
         if checkpoint is not None:
             checkpoint.step(shooting, shooting.particles // BATCH, run.elapsed_s)
-        left = max(0.0, 1 - shooting.particles / (batches * BATCH))
+        left = max(0.0, 1 - shooting.particles / (shooting.goal * BATCH))
         run.report("particles", shooting.particles, left, 0.0, len(shooting.tree.levels[-1]))
 
     def solution(detail: Detail | None = None) -> RadiositySolution:
@@ -436,7 +434,7 @@ def _monte_carlo(
     coarser: dict[str, NDArray[Any]] | None = None
     try:
         while True:
-            shooting.shoot(batches - shooting.particles // BATCH, report)
+            shooting.shoot(shooting.goal - shooting.particles // BATCH, report)
             # Particles are added in proportion to elements, so that each element gets as many on average.
             detail = shooting.detail()
             elements = sum(int(leaf.sum()) for leaf in detail.leaves)
@@ -445,15 +443,14 @@ def _monte_carlo(
                 raise TimeLimitError("time_limit: over before the lattices are refined.")
             # Stored before `deepen`, because Ctrl-C may interrupt it after it has changed the state.
             coarser = shooting.state()
-            if shooting.deepen(detail):
-                batches = min(wanted, max(asked, _MAX_BATCHES))
+            if shooting.deepen(detail, min(wanted, max(asked, _MAX_BATCHES))):
                 continue
             view = shooting.view_error()
             enough = not shooting.lit.any() or view is None or view[1] <= _VIEW_ERROR * view[0]
-            if (enough and batches >= wanted) or batches + asked > max(asked, _MAX_BATCHES):
+            if (enough and shooting.goal >= wanted) or shooting.goal + asked > max(asked, _MAX_BATCHES):
                 return solution(detail)
             # The number of batches added does not depend on the number of threads, so neither does the result.
-            batches += asked
+            shooting.goal += asked
     except (TimeLimitError, KeyboardInterrupt) as stop:
         return _stopped(stop, partial(stop))
 
@@ -463,11 +460,15 @@ def _stopped(stop: BaseException, partial: RadiositySolution | None) -> Radiosit
 
     Raises RadiosityInterrupted if Ctrl-C ended the run, and TimeLimitError if there is no solution yet.
     """
-    if isinstance(stop, KeyboardInterrupt):
+    is_interrupted = isinstance(stop, KeyboardInterrupt)
+    if partial is not None:
+        stop_rule = INTERRUPTED_RULE if is_interrupted else TIME_LIMIT
+        partial = replace(partial, statistics={**partial.statistics, "stop_rule": stop_rule})
+    if is_interrupted:
         raise RadiosityInterrupted(partial) from stop
     if partial is None:
         raise stop
-    return replace(partial, statistics={**partial.statistics, "stop_rule": TIME_LIMIT})
+    return partial
 
 
 def _settings(options: dict[str, object], size: float) -> dict[str, object]:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +101,61 @@ def test_a_checkpoint_of_another_solution_is_refused_with_all_that_differs(tmp_p
         solve_radiosity(BOX, method="matrix", checkpoint=SolverCheckpoint(path))
 
 
-@pytest.mark.parametrize("options", [METHODS[0], METHODS[2]])
+#: A run of Monte Carlo that refines its lattices once, after 8 batches.
+REFINING: dict[str, Any] = {"method": "monte-carlo", "patches": 60, "particles": 8 << 14, "adaptive": 4}
+
+
+@pytest.mark.parametrize("batch", [3, 9])
+def test_a_run_that_is_killed_after_a_refinement_resumes_with_the_same_bits(batch: int, tmp_path: Path) -> None:
+    """`particles` is the number in the second pass, which 8 batches do not divide."""
+    whole = solve_radiosity(BOX, **REFINING)
+    assert whole.statistics["particles"] % REFINING["particles"], "the goal of the second pass is a number of its own"
+    checkpoint = SolverCheckpoint(tmp_path / "s.npz", steps=1)
+    passes = []
+
+    def kill(progress: glpath.RadiosityProgress) -> None:
+        if progress.stage == "particles":
+            passes.append(progress.steps)
+            if len(passes) > 8 and progress.steps >= batch << 14:
+                raise KilledError
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("glpath.radiosity.solvers.solve._REPORT_INTERVAL", 0.0)
+        patch.setattr("glpath.radiosity.solvers.monte_carlo.core_count", lambda: 1)
+        with pytest.raises(KilledError):
+            solve_radiosity(BOX, on_progress=kill, checkpoint=checkpoint, **REFINING)
+    assert passes[-1] < sum(passes)
+    again = solve_radiosity(BOX, checkpoint=SolverCheckpoint(tmp_path / "s.npz"), **REFINING)
+    assert same(again, whole)
+    assert again.statistics["particles"] == whole.statistics["particles"]
+
+
+def test_a_finished_run_resumes_to_the_same_end(tmp_path: Path) -> None:
+    checkpoint = SolverCheckpoint(tmp_path / "s.npz", steps=1)
+    whole = solve_radiosity(BOX, checkpoint=checkpoint, **REFINING)
+    again = solve_radiosity(BOX, checkpoint=SolverCheckpoint(tmp_path / "s.npz"), **REFINING)
+    assert same(again, whole)
+    assert again.statistics["particles"] == whole.statistics["particles"]
+
+
+def test_checkpoints_are_due_again_if_the_work_counts_its_steps_anew() -> None:
+    checkpoint = SolverCheckpoint("s.npz", steps=4)
+    checkpoint._last_step = 60
+    assert checkpoint.due(1)
+    checkpoint._last_step = 1
+    assert [checkpoint.due(step) for step in range(1, 8)] == [False] * 4 + [True] * 3
+
+
+def test_the_checkpoint_of_another_camera_is_refused_if_the_solution_is_for_the_camera(tmp_path: Path) -> None:
+    options = {**METHODS[2], "particles": 1 << 14, "adaptive": 0, "for_camera": True}
+    scene = glpath.load_scene(BOX)
+    solve_radiosity(scene, checkpoint=SolverCheckpoint(tmp_path / "s.npz", steps=1), **options)
+    elsewhere = replace(scene, camera=replace(scene.camera, fov=scene.camera.fov / 2))
+    with pytest.raises(glpath.UsageError, match="scene is"):
+        solve_radiosity(elsewhere, checkpoint=SolverCheckpoint(tmp_path / "s.npz"), **options)
+
+
+@pytest.mark.parametrize("options", [METHODS[0], {**METHODS[2], "adaptive": 0}])
 def test_the_state_is_kept_every_so_many_steps(options: dict[str, Any], tmp_path: Path) -> None:
     checkpoint = SolverCheckpoint(tmp_path / "s.npz", steps=4)
     solution = solve_radiosity(BOX, checkpoint=checkpoint, **options)
