@@ -25,7 +25,7 @@ from glpath.cli.signals import exit_code, hold, release, result_of
 from glpath.cli.typed import typed_command
 from glpath.cli.unattended import done_but, remove_checkpoint
 from glpath.cli.values import check_choice, shard_of, vector
-from glpath.errors import UsageError
+from glpath.errors import ImageError, UsageError
 from glpath.io.completed import aside
 from glpath.system.files import Save, check_outputs, save_all
 from glpath.system.reporting import ProgressEvent, reporting
@@ -270,6 +270,9 @@ def daylight(
         try:
             return _computed(loaded, at, options, checkpoints[-1] if checkpoints else None, run)
         except KeyboardInterrupt as stop:
+            for each in checkpoints:
+                if each.failure is not None:
+                    raise ImageError(each.failure, each.rescue) from stop
             parts = " and ".join(str(each.path) for each in checkpoints if os.path.exists(each.path))
             kept = "nothing was done yet" if run.resume else "nothing is kept; --resume keeps what is done"
             say(f"glpath: interrupted: {f'what is done is in {parts}' if parts else kept}", err=True)

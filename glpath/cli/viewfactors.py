@@ -19,7 +19,7 @@ from glpath.cli.signals import exit_code, result_of
 from glpath.cli.typed import typed_command
 from glpath.cli.unattended import done_but, remove_checkpoint
 from glpath.cli.values import check_choice
-from glpath.errors import GlpathError, UsageError
+from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.system.files import check_outputs, check_writable, is_stream, rescued, save_all, short_name
 from glpath.system.reporting import ProgressEvent, duration, reporting
 from glpath.system.signals import TERMINATING_TEXT
@@ -130,6 +130,8 @@ def viewfactors(
         try:
             found = result_of(compute)
         except KeyboardInterrupt as stop:
+            if checkpoint is not None and checkpoint.failure is not None:
+                raise ImageError(checkpoint.failure, checkpoint.rescue) from stop
             say(f"glpath: interrupted: {_kept(checkpoint)}", err=True)
             if checkpoint is not None:
                 say(f"  to resume: {typed_command(context)}", err=True)

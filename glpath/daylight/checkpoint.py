@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 
-from glpath.daylight.kept_shards import remove_shards
+from glpath.daylight.kept_shards import KeptShards, remove_shards
 from glpath.system.checkpoint import CheckpointFile
 
 
@@ -20,6 +20,10 @@ class DaylightCheckpoint(CheckpointFile):
     """Checkpoint file of words (`KeptWords`, `KeptPass`), or the folder of a cluster's shards (`KeptShards`)."""
 
     holder = "daylight coefficients that resume from it"
+
+    def take_failure(self, kept: CheckpointFile | KeptShards) -> None:
+        """Take over the failure of the file or folder that the computation wrote."""
+        self.failure, self.rescue = kept.failure, kept.rescue
 
     def remove(self) -> None:
         """Remove the file, or the shards and their folder, if they exist. Raises ImageError if that fails."""

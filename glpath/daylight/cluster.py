@@ -16,12 +16,12 @@ import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.daylight.checkpoint import DaylightCheckpoint
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.kept_shards import KeptShards
 from glpath.daylight.merging import together
@@ -72,20 +72,20 @@ def computed_by(
     normals: Float64,
     options: dict[str, Any],
     work: str,
-    resume: str | Path | None,
+    resume: DaylightCheckpoint | None,
     report: Callable[[int, int], None],
 ) -> DaylightCoefficients:
     """Return the result of `daylight_coefficients`, computed by the workers of a cluster.
 
     work   : digest of the computation, as in `Shard`
-    resume : folder for finished shards, from which another call resumes; the caller locks and removes it
+    resume : checkpoint whose path is the folder of finished shards; the caller locks and removes it
     report : called with the number of finished shards and their total
 
     Raises the errors of `daylight_coefficients`, and ContextError if a shard fails on several workers or the
     scheduler is gone.
     """
     count = max(1, min(len(points), _SHARDS_A_WORKER * max(1, len(cluster.workers()))))
-    kept = None if resume is None else KeptShards(Path(resume), work, count, len(points))
+    kept = None if resume is None else KeptShards(resume.path, work, count, len(points))
     found = {} if kept is None else kept.read()
     count = count if kept is None else kept.count
     shared = DaylightWork(uuid.uuid4().hex, scene, points, normals, options, this_version())
@@ -101,6 +101,8 @@ def computed_by(
     except BaseException:
         if kept is not None:
             kept.keep(found, last=True)
+            assert resume is not None, "shards are kept"
+            resume.take_failure(kept)
         raise
     finally:
         shards.cancel()

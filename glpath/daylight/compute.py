@@ -40,7 +40,7 @@ from glpath.gl.context import open_context
 from glpath.gl.parallel_rays import WORD
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import aside
-from glpath.rendering.interrupts import Flag, interrupt_as_flag
+from glpath.rendering.interrupts import interrupt_as_flag
 from glpath.rendering.points import checked_points
 from glpath.scene import Scene, path_traceable
 from glpath.system.arguments import check_count, check_word, checked, short_repr
@@ -240,8 +240,7 @@ def daylight_coefficients(
                 on_progress(DaylightProgress("shards", done, count, len(positions), since))
 
         with checkpoint or nullcontext():
-            folder = None if checkpoint is None else checkpoint.path
-            merged = computed_by(cluster, loaded, positions, facing, of_each, work, folder, shards_done)
+            merged = computed_by(cluster, loaded, positions, facing, of_each, work, checkpoint, shards_done)
             if checkpoint is not None and checkpoint is not resume:
                 checkpoint.remove()
         return merged
@@ -261,6 +260,7 @@ def daylight_coefficients(
         if checkpoint is not None:
             held.enter_context(checkpoint)
             kept = KeptPass.of(checkpoint.path) if loaded.shapes.streams else KeptWords(checkpoint.path)
+            held.callback(checkpoint.take_failure, kept)
         context = open_context(backend, device, require_gpu)
         held.enter_context(context.rendering())
         held.enter_context(context)
@@ -270,7 +270,6 @@ def daylight_coefficients(
         )
         scene_and_number = f"{loaded.digest(camera=False)} {first_sensor}"
         key = "" if kept is None else _key(scene_and_number, positions, facing, directions, receiver)
-        flag = held.enter_context(interrupt_as_flag())
         if rays.chunks:
             assert not isinstance(kept, KeptWords), "a pass is kept as a whole"
 
@@ -279,10 +278,10 @@ def daylight_coefficients(
                     since = time.perf_counter() - started
                     on_progress(DaylightProgress("stream", done, rays.chunks, count, since))
 
-            found, shares = _words_of_pass(rays, directions, kept, key, passed, flag)
+            found, shares = _words_of_pass(rays, directions, kept, key, passed)
         else:
             assert not isinstance(kept, KeptPass), "words are kept one by one"
-            found, shares = _words(rays, directions, kept, key, partial(report, "rays"), flag)
+            found, shares = _words(rays, directions, kept, key, partial(report, "rays"))
         direct = DaylightCoefficients(
             points=positions,
             normals=facing,
@@ -308,15 +307,13 @@ def daylight_coefficients(
             few = _Shared.of(patches, compass, min(samples, ELEMENT_SAMPLES), seed, sun, ELEMENT_GROUND)
             # All shards measure the bias at the same sensors, so that they choose the same number of elements.
             watched = every_sensor[0] - shift, every_sensor[1], receiver
-            sides, reflections, bias = _reflecting(scene_in_triangles, elements, max_depth, watched, seed, flag)
+            sides, reflections, bias = _reflecting(scene_in_triangles, elements, max_depth, watched, seed)
 
             def gathering(done: int) -> None:
                 report("gathering", len(directions))
-                if flag:
-                    raise KeyboardInterrupt
 
             sensors = positions - shift, facing, receiver
-            on_sides = _irradiance(context.gl, loaded, sides, few, flag)
+            on_sides = _irradiance(context.gl, loaded, sides, few)
             indirect = gathered(
                 sides, reflections, on_sides, few.columns, *sensors, gather_rays, seed, gathering, first_sensor
             )
@@ -332,7 +329,6 @@ def _reflecting(
     max_depth: int | None,
     receivers: tuple[Float64, Float64, Receiver],
     seed: int,
-    flag: Flag,
 ) -> tuple[ReflectingSides, Reflections, Bias]:
     """Return the reflecting sides of a triangulated scene, their reflections, and the bias of their light.
 
@@ -344,8 +340,6 @@ def _reflecting(
     for factor in (1, REFINED):
         sides = ReflectingSides(scene, DEFAULT_ELEMENTS * factor if elements is None else elements, seed)
         reflections = Reflections(sides, max_depth, seed)
-        if flag:
-            raise KeyboardInterrupt
         bias = bias_of_solution(sides, reflections, receivers, seed + GATHER_SEED)
         if bias.is_small() or elements is not None:
             break
@@ -413,15 +407,14 @@ def _words(
     kept: KeptWords | None,
     key: str,
     report: Callable[[int], None],
-    flag: Flag,
 ) -> tuple[Words, Shares | None]:
     """Return visibility (W, N), a bit for each of 32 directions, and transmittances (W, 32, N) for (D, 3).
 
     kept : checkpoint; None: no checkpoint
     key  : hash of the work, which the checkpoint must have
 
-    Transmittances are None if the scene has no thin dielectrics. If `flag` is set, KeyboardInterrupt is raised
-    after the current word.
+    Transmittances are None if the scene has no thin dielectrics. Ctrl-C raises KeyboardInterrupt after the current
+    word.
     """
     words = -(-len(directions) // WORD)
     found = np.empty((words, rays.count), np.uint32)
@@ -433,16 +426,17 @@ def _words(
             if shares is not None and seen.share is not None:
                 shares[done] = seen.share
             done += 1
-    for seen in rays.see_out(directions[WORD * done :], WORD * done):
-        found[done] = seen.word
-        if shares is not None and seen.share is not None:
-            shares[done] = seen.share
-        done += 1
-        if kept is not None:
-            kept.keep(done, found, shares, last=bool(flag))
-        report(min(WORD * done, len(directions)))
-        if flag:
-            raise KeyboardInterrupt
+    with interrupt_as_flag() as flag:
+        for seen in rays.see_out(directions[WORD * done :], WORD * done):
+            found[done] = seen.word
+            if shares is not None and seen.share is not None:
+                shares[done] = seen.share
+            done += 1
+            if kept is not None:
+                kept.keep(done, found, shares, last=bool(flag))
+            report(min(WORD * done, len(directions)))
+            if flag:
+                raise KeyboardInterrupt
     return found, shares
 
 
@@ -452,15 +446,14 @@ def _words_of_pass(
     kept: KeptPass | None,
     key: str,
     report: Callable[[int], None],
-    flag: Flag,
 ) -> tuple[Words, Shares | None]:
     """Return visibility words (W, N) and transmittances (W, 32, N) of directions (D, 3), by one pass over a stream.
 
     kept : checkpoint; None: no checkpoint
     key  : hash of the work, which the checkpoint must have
 
-    Transmittances are None if the scene has no thin dielectrics. If `flag` is set, KeyboardInterrupt is raised
-    after the current part of the stream.
+    Transmittances are None if the scene has no thin dielectrics. Ctrl-C raises KeyboardInterrupt after the current
+    part of the stream.
     """
     done, found, shares = 0, None, None
     if kept is not None:
@@ -468,12 +461,13 @@ def _words_of_pass(
     if found is None or rays.transmits:
         resident, shares = rays.see_out_of_resident(directions)
         found = resident if found is None else found
-    for seen in rays.pass_over(directions, found, done):
-        if kept is not None and (flag or kept.due(seen)):
-            kept.keep(seen, found, last=bool(flag))
-        report(seen)
-        if flag:
-            raise KeyboardInterrupt
+    with interrupt_as_flag() as flag:
+        for seen in rays.pass_over(directions, found, done):
+            if kept is not None and (flag or kept.due(seen)):
+                kept.keep(seen, found, last=bool(flag))
+            report(seen)
+            if flag:
+                raise KeyboardInterrupt
     if shares is not None:
         for share, word in zip(shares, found, strict=True):
             share[:] = masked(share, word)
@@ -481,7 +475,7 @@ def _words_of_pass(
 
 
 def _irradiance(
-    gl: moderngl.Context, scene: Scene, sides: ReflectingSides, like: _Shared, flag: Flag
+    gl: moderngl.Context, scene: Scene, sides: ReflectingSides, like: _Shared
 ) -> Iterator[NDArray[np.float32]]:
     """Yield, for each column (ground, patch or sun) of `like`, the direct irradiance (R,) float32 of the sides."""
     if not len(sides):
@@ -493,8 +487,6 @@ def _irradiance(
     of_column = np.zeros(len(sides), np.float32)
     with PointVisibility(gl, scene, sides.points + shift, sides.normals) as rays:
         for word, seen in enumerate(rays.see_out(like.directions)):
-            if flag:
-                raise KeyboardInterrupt
             some = slice(WORD * word, min(WORD * (word + 1), len(like.directions)))
             for k, direction in enumerate(like.directions[some].astype(np.float32)):
                 light = np.maximum(normals @ direction, 0.0) * (seen.word >> np.uint32(k) & np.uint32(1))

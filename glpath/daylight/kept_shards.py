@@ -32,6 +32,8 @@ class KeptShards:
     work    : identifier of the computation, as in `Shard`; shards of another computation have a different one
     count   : number of shards; ignored if the folder already has shards, because their names contain the number
     sensors : number of sensors of the computation, the maximum number of shards
+    failure : reason why the most recent shard that failed could not be written; None if none failed
+    rescue  : sentence that names the temporary file of that shard, if the work ended; otherwise ""
 
     Raises ImageError if the path is not a folder, or if the names of its shards give different numbers of shards.
     Raises ImageError, too, for more shards than sensors, and for a shard number that is not from 1 to their number.
@@ -47,6 +49,8 @@ class KeptShards:
         self._folder, self._work = folder, work
         self._files: dict[int, Path] = {}
         self._reasons: set[str] = set()
+        self.failure: str | None = None
+        self.rescue = ""
         for path in _content(folder):
             if (part := _PART_NAME.fullmatch(path.name)) is not None:
                 remove_parts(folder / f"{part[1]}.npz")
@@ -91,11 +95,14 @@ class KeptShards:
         parts : coefficients of the finished shards, by shard number
         last  : True if the work ends with this call; shards that cannot be written then go to a temporary folder
         """
+        self.failure, self.rescue = None, ""
         for number, part in parts.items():
             if number not in self._files:
                 file = _ShardFile(self._folder / f"{number}-of-{self.count}.npz", _reasons=self._reasons)
                 if file.written_by(part.save, number, last):
                     self._files[number] = file.path
+                else:
+                    self.failure, self.rescue = file.failure, file.rescue
 
 
 def remove_shards(folder: Path) -> None:

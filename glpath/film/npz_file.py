@@ -47,12 +47,17 @@ class FilmParts(NamedTuple):
         return cls(sums, np.zeros(BATCHES, np.int64), (), metadata, aovs, shapes)
 
 
+def used_sums(radiance_sums: NDArray[np.float64], batch_counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the sums of the batches that have path sets. If all have, they are not copied: they may take 2 GB."""
+    used = batch_counts > 0
+    return radiance_sums if used.all() else radiance_sums[used]
+
+
 def write_parts(path: Path, film: FilmParts) -> None:
     """Write a film to a file, which appears whole or not at all. Raises ImageError if writing fails."""
-    used = film.batch_counts > 0
     with whole_file(path) as temporary, temporary.open("wb") as file:
         arrays: dict[str, Any] = {
-            "radiance_sums": film.radiance_sums[used],  # a batch without path sets need not be stored
+            "radiance_sums": used_sums(film.radiance_sums, film.batch_counts),
             "batch_counts": film.batch_counts,
             "ranges": np.array(film.ranges, np.int64).reshape(-1, 2),
             "block": np.int64(BLOCK),

@@ -25,7 +25,7 @@ from glpath.film.aovs import AOV_KINDS, AOVS, DENOISER_AOVS, FAR, ID_AOVS, SHAPE
 from glpath.film.batches import BATCHES, BLOCK, batch_of, united
 from glpath.film.cryptomatte import RANKS, Cryptomatte, Kind, ShapeCounts, cryptomatte
 from glpath.film.metadata import FilmMetadata, differences, joined, merged_values
-from glpath.film.npz_file import FilmParts
+from glpath.film.npz_file import FilmParts, used_sums
 from glpath.system.arguments import checked, short_repr
 
 Float64 = NDArray[np.float64]
@@ -84,14 +84,18 @@ class FilmSums:
                 raise UsageError(f"film: {name} of shape {np.shape(sums)} where {shapes[name]} is needed.")
         if not np.isfinite(radiance_sum).all():
             raise UsageError(f"film: radiance_sum of path sets {start}..{stop} has a NaN or an infinity.")
-        self.ranges = united(self.ranges, ((start, stop),))
+        # What allocates memory comes first, and the numbers of the path sets last. So the film stays readable if
+        # memory runs out.
+        ranges = united(self.ranges, ((start, stop),))
+        shape_counts = self.shape_counts
+        if shape_counts is not None:
+            shape_counts = shape_counts + ShapeCounts.of(aov_sums[SHAPES])
         for name in self.aov_sums:
             add_aov(name, self.aov_sums[name], aov_sums[name])
-        if self.shape_counts is not None:
-            self.shape_counts += ShapeCounts.of(aov_sums[SHAPES])
         batch = batch_of(start)
         self.radiance_sums[batch] += radiance_sum
         self.batch_counts[batch] += stop - start
+        self.ranges, self.shape_counts = ranges, shape_counts
 
     @property
     def path_sets(self) -> int:
@@ -212,14 +216,17 @@ class FilmSums:
                 f"{what} is {theirs} in one film and {ours} in the other" for what, ours, theirs in found
             )
             raise UsageError(f"film: cannot merge: {words}.", "Only path sets of the same render can be added up.")
-        self.ranges = united(self.ranges, other.ranges)
+        # The order is that of `add`.
+        ranges = united(self.ranges, other.ranges)
+        shape_counts = self.shape_counts
+        if shape_counts is not None and other.shape_counts is not None:
+            shape_counts = shape_counts + other.shape_counts
+        for name, sums in self.aov_sums.items():
+            add_aov(name, sums, other.aov_sums[name])
         for batch in np.flatnonzero(other.batch_counts):
             self.radiance_sums[batch] += other.radiance_sums[batch]
         self.batch_counts += other.batch_counts
-        for name, sums in self.aov_sums.items():
-            add_aov(name, sums, other.aov_sums[name])
-        if self.shape_counts is not None and other.shape_counts is not None:
-            self.shape_counts = self.shape_counts + other.shape_counts
+        self.ranges, self.shape_counts = ranges, shape_counts
         self.metadata = replace(
             self.metadata,
             device=joined(self.metadata.device, other.metadata.device),
@@ -233,12 +240,9 @@ class FilmSums:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state for pickle without empty batches, because eight path sets of a worker fill only one."""
-        used = self.batch_counts > 0
-        # If no batch is empty, the sums are not copied, because they may take 400 MB.
-        sums = self.radiance_sums if used.all() else self.radiance_sums[used]
         # Fields that are derived from others, or belong to this process, are not pickled.
         derived = {each.name: None for each in fields(self) if not each.init}
-        return {**vars(self), "radiance_sums": sums, **derived}
+        return {**vars(self), "radiance_sums": used_sums(self.radiance_sums, self.batch_counts), **derived}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)

@@ -127,7 +127,7 @@ class BiasCheck:
             return plan, engine
         if bias.is_small():
             return plan, engine
-        refined = self._in_time(plan) and self._in_time(plan.refined(self.scene, self.say))
+        refined = self._in_time(plan) and self._in_time(plan.refined(self.scene, self._say_unless_interrupted))
         if refined is not None:
             plan, engine = refined, self._replaced(engine, refined, same_solution=False)
             bias = self._measured(plan, engine)
@@ -148,6 +148,12 @@ class BiasCheck:
             late=True,
         )
         return plan, engine
+
+    def _say_unless_interrupted(self, stage: str) -> None:
+        """Report a stage. Raises KeyboardInterrupt if the flag is set, because a refined solution takes long."""
+        if self.interrupted:
+            raise KeyboardInterrupt
+        self.say(stage)
 
     def _in_time(self, plan: Plan | None) -> Plan | None:
         """Return the plan; None if the time limit leaves no time to make its engine."""

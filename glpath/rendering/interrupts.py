@@ -102,9 +102,10 @@ class Flag:
 def interrupt_as_flag() -> Iterator[Flag]:
     """Context in which Ctrl-C sets a flag instead of interrupting a path set; a second Ctrl-C interrupts.
 
-    The same applies to each signal of `TERMINATING` with a Python handler; the command line installs such handlers.
-    Each signal has its own handler, because a shell starts background jobs with SIGINT ignored. In other threads
-    than the main thread, which get no signals, it has no effect.
+    The same applies to each signal of `TERMINATING` if the command line has installed its handler. A handler that
+    another program has installed stays, and Python calls it as usual. Each signal has its own handler, because a
+    shell starts background jobs with SIGINT ignored. In other threads than the main thread, which get no signals,
+    it has no effect.
     After a signal, a command's further signals wait, because the command then cleans up and saves its result.
     """
     flag = Flag()
@@ -117,7 +118,11 @@ def interrupt_as_flag() -> Iterator[Flag]:
             command.record(number)
         flag.signalled(number, lambda: handled[signal.Signals(number)](number, frame))
 
-    handled = {number: handler for number, handler in before.items() if callable(handler)}
+    handled = {
+        number: handler
+        for number, handler in before.items()
+        if callable(handler) and (RECORDS or handler is signal.default_int_handler)
+    }
     for command in RECORDS if handled else ():
         # A signal that came after the last check of an earlier flag ends this computation.
         if command.first is not None:

@@ -86,6 +86,14 @@ def _image() -> Iterator[Report]:
             else:
                 handles[name] = display(bundle, raw=True, display_id=True)  # type: ignore[no-untyped-call]
 
+    def show_film(film: Film, is_last: bool) -> None:
+        """Show the film's image, which is denoised first; nothing if that fails, for example for lack of memory."""
+        with suppress(Exception):
+            bundle: dict[str, object] = film.shown() if film.path_sets else {"text/plain": ""}
+            if not is_last:
+                bundle.pop("image/png", None)  # the HTML contains the image, and the next update follows soon
+            show("picture", bundle)
+
     def remove_picture() -> None:
         """Remove the image from the output, because the cell shows the film itself."""
         if cell is not None and running_cell() == cell:
@@ -103,10 +111,7 @@ def _image() -> Iterator[Report]:
             # The final line is saved with the notebook, where the speed no longer matters, so it is left out.
             error = "" if progress.error is None else f", error about {percent(progress.error)}"
             line = f"{progress.done} path sets in {duration(progress.elapsed_s)}{error}, {progress.renderer}"
-        bundle: dict[str, object] = progress.film.shown() if progress.done else {"text/plain": ""}
-        if progress.done < progress.total:
-            bundle.pop("image/png", None)  # the HTML contains the image, and the next update follows soon
-        show("picture", bundle)
+        show_film(progress.film, is_last=progress.done >= progress.total)
         show("line", {"text/plain": line})
 
     try:
@@ -115,7 +120,9 @@ def _image() -> Iterator[Report]:
         if latest is not None:
             # The output stays in the notebook, so the final line has no forecast.
             film, ended = latest.film, "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
-            show("picture", film.shown() if film.path_sets else {"text/plain": ""})
+            # A second Ctrl-C while the image is denoised must not replace the error, which has the film.
+            with suppress(KeyboardInterrupt):
+                show_film(film, is_last=True)
             show("line", {"text/plain": f"{ended} after {film.path_sets} path sets, {latest.renderer}"})
         raise
     if latest is not None:

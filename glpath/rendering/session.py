@@ -257,8 +257,18 @@ def begin(
         film = empty_film(metadata)
     else:
         check_same_render(film, metadata, job.path_sets, set() if prepared else {"settings.radiosity"})
-        # Older film files have no unit. The rule that ended the earlier run must not count as the end of this one.
-        film.metadata = replace(film.metadata, unit=metadata.unit, stop_rule="", error_bound=None)
+        # Path sets do not depend on these fields, which may have changed since the film was begun. The rule that
+        # ended the earlier run must not count as the end of this one.
+        film.metadata = replace(
+            film.metadata,
+            scene=metadata.scene,
+            unit=metadata.unit,
+            exposure=metadata.exposure,
+            shape_names=metadata.shape_names,
+            material_names=metadata.material_names,
+            stop_rule="",
+            error_bound=None,
+        )
     count_earlier(film.metadata.elapsed_s)
     renderer = "" if context is None else context.info.renderer
     return Clock(film, job.spp, renderer, options, started=counted_from())

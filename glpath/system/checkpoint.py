@@ -95,10 +95,12 @@ class CheckpointFile(Locked):
         try:
             with heartbeat.paused(), nullcontext() if self.is_output else replacing_links():
                 save(self.path)
-        except ImageError as error:
-            self.failure = error.message
-            reason = reason_of(error.__cause__ or error)
-            text = error.message.rstrip(".")
+        except (ImageError, MemoryError) as error:
+            if isinstance(error, ImageError):
+                self.failure, reason = error.message, reason_of(error.__cause__ or error)
+            else:
+                self.failure, reason = f"{self.path}: cannot be written: too little memory.", "memory"
+            text = self.failure.rstrip(".")
             if last:
                 kept = "What is done is kept in {}; move it to the checkpoint's path to resume."
                 self.rescue = rescued({self.path.name: save}, kept)

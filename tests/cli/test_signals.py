@@ -24,6 +24,7 @@ from glpath.rendering import calls, interrupts, session
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
 from glpath.rendering.loop import Clock
 from glpath.rendering.run_options import RunOptions
+from glpath.system.checkpoint import CheckpointFile
 from glpath.system.signals import REPEATED
 from tests.conftest import MakeFilm
 from tests.support.command_line import run
@@ -176,6 +177,18 @@ def wait_through(number: signal.Signals) -> None:
         time.sleep(20)
 
 
+def test_handler_of_another_program_is_called_and_ends_no_render() -> None:
+    """A server's SIGHUP may mean "read the configuration again"."""
+    numbers: list[int] = []
+    before = signal.signal(signal.SIGHUP, lambda number, frame: numbers.append(number))
+    try:
+        with interrupt_as_flag() as flag:
+            signal.raise_signal(signal.SIGHUP)
+        assert (numbers, bool(flag)) == ([signal.SIGHUP], False)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 @pytest.fixture
 def default_sigterm() -> Iterator[None]:
     """Handle SIGTERM during the test, whatever the parent process set."""
@@ -212,8 +225,7 @@ def test_daylight_that_a_scheduler_ends_has_its_exit_code(
 ) -> None:
     def struck(*given: Any) -> None:
         signal.raise_signal(signal.SIGTERM)
-        assert given[-1], "the flag is set"
-        raise KeyboardInterrupt
+        raise AssertionError("the signal ends it")
 
     monkeypatch.setattr("glpath.daylight.compute._words", struck)
     monkeypatch.chdir(tmp_path)
@@ -410,3 +422,28 @@ def test_ctrl_c_during_the_bias_check_interrupts(
     with pytest.raises(RenderInterrupted) as caught:
         check[by_cluster]()
     assert (caught.value.film, caught.value.film.metadata.stop_rule) == (clock.film, "interrupted")
+
+
+@pytest.mark.parametrize(
+    ("command", "function"),
+    [
+        (["viewfactors", "cornell-box-36", "-o", "F.npz"], "glpath.radiosity.view_factors.compute.view_factors"),
+        (["daylight", "cornell-box-36", "-o", "D.npz", "--points", "p.csv"], "glpath.cli.daylight._computed"),
+    ],
+)
+@pytest.mark.usefixtures("default_sigterm")
+def test_scheduler_is_not_told_to_resume_what_could_not_be_kept(
+    command: list[str], function: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def struck(*given: Any, **options: Any) -> None:
+        (checkpoint,) = (each for each in (*given, *options.values()) if isinstance(each, CheckpointFile))
+        checkpoint.failure, checkpoint.rescue = "F: cannot be written: the disk is full.", "It is kept in T."
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(function, struck)
+    monkeypatch.chdir(tmp_path)
+    Path("p.csv").write_text("x,y,z,nx,ny,nz\n0,0.1,0,0,1,0\n")
+    done = run(*command, "--resume")
+    assert done.exit_code == 1, done.stderr
+    assert "glpath: error: F: cannot be written: the disk is full.\n  It is kept in T." in done.stderr
+    assert "no row" not in done.stderr

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from glpath.daylight import cluster as by_workers
+from glpath.daylight.checkpoint import DaylightCheckpoint
 from glpath.daylight.cluster import DaylightWork
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.compute import DaylightProgress, daylight_coefficients
@@ -138,7 +139,7 @@ def played(outcomes: dict[int, list[Any]], resume: Path | None = None) -> Daylig
         np.broadcast_to(UP, AT.shape),
         {},
         "work",
-        resume,
+        None if resume is None else DaylightCheckpoint(resume),
         lambda done, count: None,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,9 @@ from glpath.errors import ContextError, ImageError, SceneWarning
 from glpath.film.bias import BIAS_PROBE, BLOCKS, SURE, bias_of, block_means, summed
 from glpath.film.film import Film
 from glpath.film.metadata import merged_values
+from glpath.radiosity import RadiosityProgress
 from glpath.rendering import factory
+from glpath.rendering.factory import solve_for_gather
 from glpath.sensors.sensor import PointSensor
 
 GATHER = {"integrator": "gather", "spp": 16, "resolution": (40, 30)}
@@ -222,6 +225,27 @@ def test_an_interrupt_while_the_bias_is_measured_ends_the_render(monkeypatch: py
     with pytest.raises(glpath.rendering.RenderInterrupted) as caught:
         glpath.render("cornell-box-36", **GATHER)
     assert caught.value.film.path_sets == 0
+
+
+def test_an_interrupt_while_a_rejected_gather_is_solved_again_ends_the_render(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stages: list[str] = []
+
+    def solve(scene: object, report: Callable[[RadiosityProgress], None], **options: object) -> None:
+        if not options:
+            return solve_for_gather(scene, report)
+        signal.raise_signal(signal.SIGINT)
+        for steps in range(3):
+            stages.append("particles")
+            report(RadiosityProgress("particles", steps, 0.5, 0.0, 36, 1.0))
+        raise AssertionError("the signal ends it")
+
+    monkeypatch.setattr("glpath.rendering.factory.solve_for_gather", solve)
+    monkeypatch.setattr("glpath.film.bias.Bias.is_small", lambda *_: False)
+    with pytest.raises(glpath.rendering.RenderInterrupted):
+        glpath.render("cornell-box-36", **AUTO)
+    assert stages == ["particles"]
 
 
 def test_where_there_is_no_room_for_the_probe_the_bias_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:

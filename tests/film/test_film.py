@@ -6,6 +6,7 @@ import io
 import json
 from dataclasses import asdict, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import imageio.v3 as iio
@@ -15,6 +16,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import glpath
 from glpath.errors import ImageError, UsageError
 from glpath.film import image
 from glpath.film.batches import BATCHES, BLOCK, batch_of, blocks
@@ -361,3 +363,23 @@ def test_a_film_is_an_array_of_its_image(make_film: MakeFilm) -> None:
     assert np.array_equal(np.asarray(film), film.mean)
     assert np.asarray(film, np.float32).dtype == np.float32
     assert np.allclose(film, film.mean)
+
+
+@pytest.mark.parametrize("fails", ["ShapeCounts.of", "add_aov"])
+def test_a_film_stays_readable_if_memory_runs_out_while_path_sets_are_added(
+    fails: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    film = glpath.render("cornell-box-36", spp=8, resolution=(8, 8), aovs=["albedo", "object_id"])
+
+    def full(*_: object) -> None:
+        raise MemoryError
+
+    more: dict[str, Any] = {name: np.zeros_like(sums) for name, sums in film.aov_sums.items()}
+    more["shapes"] = np.ones((8, 8, 4), np.int64)
+    with monkeypatch.context() as patch:
+        patch.setattr(f"glpath.film.sums.{fails}", full)
+        with pytest.raises(MemoryError):
+            film.add(8, 12, np.ones((8, 8, 3)), more)
+    assert (film.path_sets, film.ranges) == (8, ((0, 8),))
+    film.save(tmp_path / "a.npz")
+    assert Film.load(tmp_path / "a.npz").path_sets == 8

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from glpath.gl.opening import CollectingContext
 from glpath.jobs.checkpoint import Checkpoint, checkpoint_path
 from glpath.rendering import interrupts
 from glpath.system import files
+from glpath.system.checkpoint import CheckpointFile
 from glpath.system.signals import TERMINATING
 from tests.support import killing
 from tests.support.command_line import run
@@ -567,3 +569,27 @@ def test_a_thousand_renders_leave_memory_handles_and_objects_flat(tmp_path: Path
     for name in ("handles", "threads", "objects"):
         assert after[name] <= before[name] + 2, name
     assert os.listdir(tmp_path) == ["a.npz"]
+
+
+def test_a_resumed_film_has_the_exposure_and_names_of_the_scene_as_it_is_now() -> None:
+    """Path sets depend on neither, so the film is not refused."""
+    options = {**SMALL, "aovs": ["object_id"]}
+    scene = glpath.load_scene(BOX)
+    film = glpath.render(scene, spp=2, **options)
+    names = [f"renamed {shape.name}" for shape in scene.shapes]
+    shapes = [replace(shape, name=name) for shape, name in zip(scene.shapes, names, strict=True)]
+    changed = replace(scene, shapes=shapes, exposure=3.0)
+    resumed = glpath.render(changed, spp=4, film=film, **options)
+    new = glpath.render(changed, spp=4, **options)
+    assert (resumed.metadata.exposure, resumed.metadata.shape_names) == (3.0, new.metadata.shape_names)
+
+
+def test_a_checkpoint_for_which_memory_is_too_small_does_not_end_the_work(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    def save(path: Path) -> None:
+        raise MemoryError
+
+    checkpoint = CheckpointFile(tmp_path / "a.npz", steps=1)
+    assert not checkpoint.written_by(save, 1)
+    assert "a.npz: cannot be written: too little memory; the work continues" in caplog.text

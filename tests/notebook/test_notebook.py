@@ -28,6 +28,7 @@ from glpath.notebook.orbit import nearer, shifted, turned
 from glpath.notebook.shaft_scene import ShaftScene
 from glpath.radiosity import Strategy
 from glpath.rendering.job import describe
+from glpath.rendering.progress import Progress, reporting
 from glpath.scene import Camera
 from glpath.scene.model import Shapes
 
@@ -580,3 +581,30 @@ def test_a_cell_keeps_the_context_and_between_cells_others_have_it() -> None:
     finally:
         client.stop_channels()
         manager.shutdown_kernel(now=True)
+
+
+@pytest.mark.parametrize(("error", "at_the_end"), [(MemoryError, False), (KeyboardInterrupt, True)])
+def test_a_film_that_cannot_be_shown_is_not_lost(
+    error: type[BaseException], at_the_end: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import IPython.display
+
+    def fail(film: Film) -> dict[str, object]:
+        raise error
+
+    monkeypatch.setattr(IPython.display, "display", lambda *_, **__: Mock())
+    monkeypatch.setattr("glpath.rendering.progress.in_notebook", lambda: True)
+    film = glpath.render("furnace", spp=1, max_depth=1, resolution=(8, 8))
+    progress = Progress(1, 2, 1.0, None, film, "rendering", "llvmpipe")
+
+    def render_and_fail() -> None:
+        with reporting("auto", None) as report:
+            assert report is not None
+            report(progress)
+            monkeypatch.setattr(Film, "shown", fail)
+            if not at_the_end:
+                report(progress)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        render_and_fail()

@@ -9,7 +9,8 @@ Cost:     memory grows with the square of the number of patches, time for the so
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, wait
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -44,13 +45,23 @@ def solve_matrix(transport: Transport) -> Float64:
 
 
 def _run_with_beats(function: Callable[..., Any], *given: Any) -> Any:
-    """Return the result of a call, which may take minutes, and report to the watchdog meanwhile."""
-    with ThreadPoolExecutor(1) as pool:
-        running = pool.submit(function, *given)
-        while wait([running], _BEAT_INTERVAL).not_done:
-            heartbeat.beat()
+    """Return the result of a call, which may take minutes, and report to the watchdog meanwhile.
+
+    Ctrl-C does not wait for the call; its thread ends with the call or with the process.
+    """
+    running: Future[Any] = Future()
+
+    def run() -> None:
+        try:
+            running.set_result(function(*given))
+        except BaseException as error:
+            running.set_exception(error)
+
+    Thread(target=run, daemon=True).start()
+    while wait([running], _BEAT_INTERVAL).not_done:
         heartbeat.beat()
-        return running.result()
+    heartbeat.beat()
+    return running.result()
 
 
 def matrix_bytes(elements: int, patches: int) -> int:

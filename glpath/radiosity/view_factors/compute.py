@@ -323,16 +323,21 @@ class _Run:
             if self.kept is not None:
                 _end(running)
                 found = [ended.get() for _ in range(ended.qsize())]
-                self._take([part for part in found if isinstance(part, _Part)], total)
+                self._count([part for part in found if isinstance(part, _Part)], total)
                 self._save(self.kept, key, last=True)
             raise
         finally:
             _end(running)
         return self._result(faces, where, *backs)
 
-    def _take(self, parts: list[_Part], total: int) -> None:
+    def _count(self, parts: list[_Part], total: int) -> None:
+        """Add finished parts to the result."""
         self.parts += parts
         self.rows_done = min(self.rows_done + self.task * len(parts), total)
+
+    def _take(self, parts: list[_Part], total: int) -> None:
+        """Add finished parts to the result, and raise GlpathError if the matrix will not fit in memory."""
+        self._count(parts, total)
         if len(self.parts) > 256:
             self.parts = [_joined(self.parts)]
         share = self.rows_done / max(total, 1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
 from dataclasses import replace
 
@@ -506,3 +508,14 @@ def test_progress_ends_at_the_share_that_was_asked_for(lit_box):
     assert seen[-1].unshot <= 0.01 < seen[0].unshot
     assert solution.statistics["unshot"] == pytest.approx(seen[-1].unshot)
     assert solve_radiosity(lit_box, patches=100, max_steps=7).statistics["steps"] == 7
+
+
+def test_an_interrupt_does_not_wait_for_the_matrix(monkeypatch):
+    ends = threading.Event()
+    monkeypatch.setattr(matrix, "_BEAT_INTERVAL", 0.01)
+    monkeypatch.setattr(heartbeat, "listener", lambda paused: signal.raise_signal(signal.SIGINT))
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            matrix._run_with_beats(ends.wait, 60.0)
+    finally:
+        ends.set()

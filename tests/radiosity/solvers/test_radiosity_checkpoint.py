@@ -109,7 +109,7 @@ REFINING: dict[str, Any] = {"method": "monte-carlo", "patches": 60, "particles":
 def test_a_run_that_is_killed_after_a_refinement_resumes_with_the_same_bits(batch: int, tmp_path: Path) -> None:
     """`particles` is the number in the second pass, which 8 batches do not divide."""
     whole = solve_radiosity(BOX, **REFINING)
-    assert whole.statistics["particles"] % REFINING["particles"], "the goal of the second pass is a number of its own"
+    assert whole.statistics["particles"] % REFINING["particles"], "another goal than `asked`"
     checkpoint = SolverCheckpoint(tmp_path / "s.npz", steps=1)
     passes = []
 

@@ -463,6 +463,25 @@ def test_an_interrupted_matrix_goes_on(tmp_path: Path, monkeypatch: pytest.Monke
         glpath.view_factors(box_faces([0, 0, 0], [1, 1, 1], 6, inward=True), resume=part)
 
 
+def test_rows_are_saved_if_the_matrix_will_not_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A larger machine then resumes from them, as the error advises."""
+    faces, part = block_in_a_room(5), tmp_path / "rows.part"
+
+    def refuse(*_: object) -> None:
+        raise GlpathError("too large", "take a larger machine")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("glpath.radiosity.view_factors.compute._ASKED", 0)
+        patch.setattr("glpath.radiosity.view_factors.compute.require_memory", refuse)
+        with pytest.raises(GlpathError, match="too large"):
+            glpath.view_factors(faces, resume=part)
+    with np.load(part) as stored:
+        assert len(stored["tasks"]) > 0
+    assert np.array_equal(
+        glpath.view_factors(faces, resume=part).matrix.toarray(), glpath.view_factors(faces).matrix.toarray()
+    )
+
+
 def test_all_rows_are_saved_before_backs_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Backs may take minutes, in which the process may be killed. The last periodic save lacks some rows."""
     faces, part = box_faces([0, 0, 0], [1, 1, 1], 2, inward=True), tmp_path / "rows.part"
