@@ -12,7 +12,10 @@ Colours are linear, as Blender writes them. The statements are translated as fol
     illum 6, 7            refracting glass of index Ni and colour Tf. It is always smooth, as in the ray tracers for
                           which these modes were made
     illum 4, 9            glass as for illum 6, but without refraction, if d < 1 or Tf is neither 0 nor 1. Otherwise
-                          the surface is opaque, because Maya writes illum 4 and Tf 1 for opaque paint
+                          the surface is opaque, because Maya writes illum 4 and Tf 1 for opaque paint. Without such
+                          a Tf, a coloured Kd is the colour of the glass
+    illum 6, 9 with d < 1 as illum 2, unless Tf is neither 0 nor 1: Blender writes them for surfaces with alpha
+    illum 4 with Ni 1     as illum 2, if d is missing, with the mean of Tf as opacity, as Maya writes it
     Ke map_Ke             emission, W sr^-1 m^-2
     norm, map_Bump        normal map; a map_Bump that does not hold normals is a height map, which is not used
 
@@ -232,7 +235,7 @@ class _Reader:
         base, alpha = maps["map_kd"], maps["map_d"]
         diffuse = self._tint("kd", 1.0 if base is not None else 0.8)
         specular = self._colour("ks", 0.0)
-        illum = int(self._number("illum", 2.0))
+        illum, opacity = self._illumination()
         if any(key in self.written for key in ("pr", "pm", "map_pr", "map_pm")):
             fields = self._metallic_roughness(diffuse, maps["map_pr"], maps["map_pm"])
         else:
@@ -241,8 +244,7 @@ class _Reader:
             fields = phong.layers(diffuse, base is not None, specular, self._number("ns", 0.0))
             if illum in _MIRRORS:
                 fields = phong.mirroring(fields, specular)
-        opacity = float(phong.share(self._opacity()))
-        glass = self._glass(illum, opacity)
+        glass = self._glass(illum, opacity, diffuse)
         if glass:
             fields |= glass
             opacity = 1.0
@@ -311,6 +313,17 @@ class _Reader:
             if is_map and len(self.library.notes) < _MAX_NOTES:
                 self.library.notes[f"Textures of {key[:40]}."] = None
 
+    def _illumination(self) -> tuple[int, float]:
+        """Return illum and the opacity. illum is 2 if an exporter writes a mode of glass for a blended surface."""
+        illum = int(self._number("illum", 2.0))
+        opacity = float(phong.share(self._opacity()))
+        passes = self._filter()
+        if illum in (6, 9) and opacity < 1 and passes is None:
+            return 2, opacity  # as Blender writes alpha
+        if illum == 4 and passes is not None and self._number("ni", 1.5) == 1 and not {"d", "tr"} & {*self.written}:
+            return 2, float(passes.mean())  # as Maya writes transparency
+        return illum, opacity
+
     def _opacity(self) -> float:
         values = [word for word in self.written.get("d", []) if word != "-halo"]
         if values:
@@ -322,16 +335,20 @@ class _Reader:
             return 1.0
         return 1.0 - transparency
 
-    def _glass(self, illum: int, opacity: float) -> dict[str, Any]:
+    def _filter(self) -> Float64 | None:
+        """Return Tf, the (3,) colour of glass; None if it is 0 or 1, which exporters write for any surface."""
+        colour = self._colour("tf", 0.0)
+        return colour if colour.any() and (colour != 1).any() else None
+
+    def _glass(self, illum: int, opacity: float, diffuse: Float64) -> dict[str, Any]:
         """Return the fields of a `Material` of glass; empty if the material is not glass."""
-        if illum not in _GLASS:
-            return {}
-        passes = self._colour("tf", 0.0)
-        if illum not in _REFRACTS and opacity >= 1 and (not passes.any() or (passes == 1).all()):
-            return {}  # opaque, because many exporters write such values for opaque surfaces
-        colour = passes if passes.any() else np.ones(3)
+        passes = self._filter()
+        if illum not in _GLASS or (illum not in _REFRACTS and opacity >= 1 and passes is None):
+            return {}  # many exporters write illum 4 and 9 for opaque surfaces
+        if passes is None:
+            passes = diffuse if illum not in _REFRACTS and np.ptp(diffuse) > 0 else np.ones(3)
         return {
-            "reflectance": colour,
+            "reflectance": passes,
             "transmission": 1.0 - opacity if opacity < 1 else 1.0,
             "thin": illum not in _REFRACTS,
             "ior": float(np.clip(self._number("ni", 1.5), 1.0, 10.0)),

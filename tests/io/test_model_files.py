@@ -364,7 +364,7 @@ def test_glass_light_and_opacity_of_mtl(tmp_path: Path) -> None:
         ("Tf 1 1 1\nNi 1", False),  # as Maya writes opaque paint
         ("d 1\nTf 1 1 1", False),
         ("Tf 0 0 0", False),
-        ("d 0.2", True),
+        ("d 0.2\nTf 0.9 0.9 1", True),
         ("Tf 0.9 0.9 1", True),
     ],
 )
@@ -378,6 +378,41 @@ def test_illumination_models_4_and_9_are_glass_only_if_light_gets_through(
     if not is_glass:
         assert paint.reflectance.tolist() == [0.5, 0.2, 0.1]
         assert paint.opacity == 1
+
+
+BLENDER_GLOSS = "Ns 250\nKa 1 1 1\nKs 0.5 0.5 0.5\nKe 0 0 0\nNi 1.5\n"
+
+
+@pytest.mark.parametrize("illum", [6, 9])
+@pytest.mark.parametrize("gloss", [BLENDER_GLOSS, "Pr 0.3\nPm 1\n"])
+@pytest.mark.parametrize("density", ["d 0.5", "d 0.5\nTf 1 1 1", "d 0"])
+def test_a_surface_with_alpha_of_blender_keeps_its_colour_and_gloss(
+    tmp_path: Path, illum: int, gloss: str, density: str
+) -> None:
+    """Blender writes illum 6 or 9 if alpha is below 1, and its importer reads Kd and d alone."""
+    written = f"Kd 0.8 0 0\n{gloss}{density}\n"
+    paint, plain = surfaces(
+        tmp_path, f"newmtl Paint\n{written}illum {illum}\nnewmtl Gold\n{written}illum 2"
+    ).materials
+    assert same(paint, plain)
+    assert paint.reflectance.tolist() == [0.8, 0, 0]
+    assert (paint.opacity, paint.alpha) == ((1, "opaque") if density == "d 0" else (0.5, "blend"))
+
+
+def test_thin_glass_has_the_colour_of_its_paint(tmp_path: Path) -> None:
+    red, grey = surfaces(
+        tmp_path, "newmtl Paint\nillum 4\nKd 0.8 0.1 0.1\nd 0.2\nnewmtl Gold\nillum 4\nKd 0.5 0.5 0.5\nd 0.2"
+    ).materials
+    assert (red.transmission, red.thin, red.reflectance.tolist()) == (0.8, True, [0.8, 0.1, 0.1])
+    assert (grey.transmission, grey.thin, grey.reflectance.tolist()) == (0.8, True, [1, 1, 1])
+
+
+def test_transparent_paint_of_maya_is_blended(tmp_path: Path) -> None:
+    """Maya writes 1 - transparency as Tf, without d, and Ni 1.00."""
+    mtl = "newmtl Paint\nillum 4\nKd 0.50 0.00 0.00\nKa 0.00 0.00 0.00\nTf 0.90 0.90 0.90\nNi 1.00\n"
+    paint, plain = surfaces(tmp_path, f"{mtl}newmtl Gold\nKd 0.5 0 0\nd 0.9").materials
+    assert same(paint, plain)
+    assert (paint.reflectance.tolist(), paint.opacity) == ([0.5, 0, 0], pytest.approx(0.9))
 
 
 def test_one_mtllib_statement_may_name_several_files(tmp_path: Path) -> None:
