@@ -5,7 +5,7 @@ Colours are linear, as Blender writes them. The statements are translated as fol
     Kd map_Kd             reflectance and its texture. Kd of 0 with a texture counts as 1, and so does Ke of 0. If
                           the Kd of a file are from 0 to 255, they are divided by 255, and so are Ks, Ke and Tf if
                           any of their values is above 1
-    Ks Ns                 gloss, see `phong`; with illum 3, 5 or 8, Ks is the reflectance of a mirror
+    Ks Ns                 gloss or metal, see `phong`; with illum 3, 5 or 8, Ks is the reflectance of a mirror
     Pr Pm                 roughness and metallic, which replace Ks and Ns; map_Pr and map_Pm multiply them
     Pc Pcr Ps aniso       clearcoat and its roughness, sheen, anisotropy, over Ks and Ns or over Pr and Pm
     d, or Tr, map_d       opacity, blended; a surface of opacity 0 counts as opaque, with a note
@@ -241,9 +241,8 @@ class _Reader:
         else:
             if illum in (0, 1):
                 specular = np.zeros(3)
-            fields = phong.layers(diffuse, base is not None, specular, self._number("ns", 0.0))
-            if illum in _MIRRORS:
-                fields = phong.mirroring(fields, specular)
+            exponent = self._number("ns", 0.0)
+            fields = phong.layers(diffuse, base is not None, specular, exponent, mirror=illum in _MIRRORS)
         glass = self._glass(illum, opacity, diffuse)
         if glass:
             fields |= glass

@@ -320,6 +320,27 @@ def test_phong_becomes_microfacets(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("gloss", "is_metal"),
+    [
+        ("Ks 0.5 0.5 0.5\nillum 2", False),  # black plastic and lamps of Blender
+        ("Ks 0.5019608 0.5019608 0.5019608", False),  # 128 of 255
+        ("Ks 0.1 0.1 0.1", False),
+        ("Ks 0.5 0.5 0.5\nillum 3", True),
+        ("Ks 0.9 0.9 0.9", True),
+        ("Ks 0.4 0.3 0.1", True),
+    ],
+)
+def test_black_paint_is_metal_only_if_no_dielectric_reflects_so(tmp_path: Path, gloss: str, is_metal: bool) -> None:
+    """Dielectrics reflect without colour, and as Ks of 0.5 is an index of 1.5, most reflect no more than that."""
+    (paint, _) = surfaces(tmp_path, f"newmtl Paint\nNs 250\nKd 0 0 0\n{gloss}\nnewmtl Gold\nKd 1 1 1").materials
+    specular = [float(word) for word in gloss.split()[1:4]]
+    assert paint.metallic == is_metal
+    assert np.allclose(paint.reflectance, specular if is_metal else 0.0)
+    if not is_metal:
+        assert np.allclose(paint.dielectric[0], 0.04 * specular[0] / 0.5)
+
+
+@pytest.mark.parametrize(
     ("written", "opacity", "note"),
     [
         ("Tr 1", 1.0, "Tr of 1"),
