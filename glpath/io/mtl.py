@@ -6,7 +6,7 @@ Colours are linear, as Blender writes them. The statements are translated as fol
                           the Kd of a file are from 0 to 255, they are divided by 255, and so are Ks, Ke and Tf if
                           any of their values is above 1
     Ks Ns                 gloss or metal, see `phong`; with illum 3, 5 or 8, Ks is the reflectance of a mirror
-    Pr Pm                 roughness and metallic, which replace Ks and Ns; map_Pr and map_Pm multiply them
+    Pr Pm                 roughness and metallic, which replace Ks and Ns; map_Pr and map_Pm replace them
     Pc Pcr Ps aniso       clearcoat and its roughness, sheen, anisotropy, over Ks and Ns or over Pr and Pm
     d, or Tr, map_d       opacity, blended; a surface of opacity 0 counts as opaque, with a note
     illum 6, 7            refracting glass of index Ni and colour Tf. It is always smooth, as in the ray tracers for
@@ -272,8 +272,8 @@ class _Reader:
     def _metallic_roughness(self, base: Float64, rough: _Map | None, metal: _Map | None) -> dict[str, Any]:
         fields: dict[str, Any] = {
             "reflectance": base,
-            "roughness": self._share("pr", 1.0 if rough is not None else 0.5),
-            "metallic": self._share("pm", 1.0 if metal is not None else 0.0),
+            "roughness": self._share_without_map("pr", rough, 0.5),
+            "metallic": self._share_without_map("pm", metal, 0.0),
         }
         given = rough or metal
         if given is not None:
@@ -291,6 +291,15 @@ class _Reader:
             key = ("surface", *parts)
             fields["surface_texture"] = self.library.slot(key, packed, given, False, 3 * height * width)
         return fields
+
+    def _share_without_map(self, keyword: str, texture: _Map | None, default: float) -> float:
+        """Return the share of a keyword; 1, with a note if another is written, if a texture replaces the share."""
+        if texture is None:
+            return self._share(keyword, default)
+        if self._share(keyword, 1.0) != 1:
+            name = keyword.capitalize()
+            self.library.notes[f"{name} beside map_{name}, which replaces it."] = None
+        return 1.0
 
     def _layers(self) -> dict[str, Any]:
         """Return fields of a `Material` for clearcoat, sheen and anisotropy; empty if the material has none."""
@@ -367,7 +376,8 @@ class _Reader:
         height, width = given.image.shape[:2]
 
         def composed() -> Image:
-            coverage = resized(_alpha(alpha), (height, width))
+            is_base = base is not None and base.image is alpha.image
+            coverage = resized(_alpha(alpha, is_base), (height, width))
             if base is None:
                 return np.dstack([np.full((height, width, 3), 255, np.uint8), coverage])
             return np.dstack([_bytes(base.image)[..., :3], coverage])
@@ -572,9 +582,16 @@ def _grey(given: _Map) -> NDArray[np.uint8]:
     return np.asarray((2 * total + 3) // 6, np.uint8)
 
 
-def _alpha(given: _Map) -> NDArray[np.uint8]:
-    """Return the opacity (h, w) of a map: its alpha, unless -imfchan is given; otherwise its grey values."""
+def _alpha(given: _Map, has_colours: bool) -> NDArray[np.uint8]:
+    """Return the opacity (h, w) of a map: its alpha, unless -imfchan is given; otherwise its grey values.
+
+    A grey picture with an opaque alpha is a mask, too, so it has its grey values.
+
+    has_colours : True if the picture also gives colours, so that its grey values are no mask
+    """
     image = _data_bytes(given.image)
     if given.channel is None and image.shape[2] == 4:
-        return np.ascontiguousarray(image[..., 3])
+        alpha = image[..., 3]
+        if has_colours or alpha.min() < 255 or (image[..., :1] != image[..., 1:3]).any():
+            return np.ascontiguousarray(alpha)
     return _grey(given)

@@ -748,6 +748,36 @@ def test_colours_of_obj_vertices_follow_the_position_or_its_weight(tmp_path: Pat
     assert found == pytest.approx(decode_srgb(np.array([0.9, 0.1, 0.2])))
 
 
+@pytest.mark.parametrize("mode", ["LA", "RGBA"])
+def test_a_mask_is_the_same_with_and_without_an_opaque_alpha(tmp_path: Path, mode: str) -> None:
+    mask = Image.fromarray(np.arange(0, 256, 64, dtype=np.uint8).reshape(2, 2))
+    mask.save(tmp_path / "a.png")
+    mask.convert(mode).save(tmp_path / "b.png")
+    scene = quiet(square(tmp_path, "newmtl m\nmap_d a.png\nnewmtl n\nmap_d b.png\n", names=("m", "n")))
+    assert [texture.image[..., 3].tolist() for texture in scene.textures] == [[[0, 64], [128, 192]]] * 2
+
+
+@pytest.mark.parametrize("mtl", ["map_Kd a.png\nmap_d a.png", "map_d b.png"])
+def test_colours_beside_an_opaque_alpha_are_no_mask(tmp_path: Path, mtl: str) -> None:
+    """Exporters name the picture of map_Kd again as map_d, for its alpha."""
+    Image.new("RGBA", (2, 2), (90, 90, 90)).save(tmp_path / "a.png")
+    Image.new("RGBA", (2, 2), (90, 80, 70)).save(tmp_path / "b.png")
+    (texture,) = quiet(square(tmp_path, f"newmtl m\n{mtl}\n")).textures
+    assert (texture.image[..., 3] == 255).all()
+
+
+def test_maps_of_roughness_and_metal_replace_the_numbers_beside_them(tmp_path: Path) -> None:
+    """Blender writes the number of an input, which its texture overrides, beside the texture."""
+    Image.new("L", (2, 2), 100).save(tmp_path / "a.png")
+    maps = "map_Pr a.png\nmap_Pm a.png"
+    path = square(tmp_path, f"newmtl m\n{maps}\nPr 0\nPm 0\nnewmtl n\n{maps}\n", names=("m", "n"))
+    assert [(material.roughness, material.metallic) for material in quiet(path).materials] == [(1, 1)] * 2
+    assert [text.partition("not used: ")[2] for text in said(path)][:-1] == [
+        "Pr beside map_Pr, which replaces it.",
+        "Pm beside map_Pm, which replaces it.",
+    ]
+
+
 def test_textures_of_mtl(tmp_path: Path) -> None:
     colours = np.arange(48, dtype=np.uint8).reshape(4, 4, 3) * 5
     Image.fromarray(colours).save(tmp_path / "wood and oak.png")
@@ -755,7 +785,7 @@ def test_textures_of_mtl(tmp_path: Path) -> None:
     Image.fromarray(colours[::2, ::2, 1]).save(tmp_path / "small.png")
     mtl = (
         "newmtl Paint\nmap_Kd -s 2 3 1 -o 0.5 0.25 -clamp on wood and oak.png\nnorm -bm 0.5 wood and oak.png\n"
-        "newmtl Gold\nPr 0.5\nmap_Pr grey.png\nmap_Pm small.png\nKd 1 1 1\nmap_d grey.png\nbump grey.png\n"
+        "newmtl Gold\nPr 1\nmap_Pr grey.png\nmap_Pm small.png\nKd 1 1 1\nmap_d grey.png\nbump grey.png\n"
     )
     path = obj(tmp_path / "box.obj", mtl, uv=True)
     scene = quiet(path)
@@ -773,7 +803,7 @@ def test_textures_of_mtl(tmp_path: Path) -> None:
     channels = scene.textures[gold.surface_texture.texture].image
     assert np.array_equal(channels[..., 1], colours[..., 0])
     assert np.array_equal(scene.textures[gold.texture.texture].image[..., 3], colours[..., 0])
-    assert (gold.roughness, gold.metallic, gold.alpha, gold.normal_texture) == (0.5, 1, "blend", None)
+    assert (gold.roughness, gold.metallic, gold.alpha, gold.normal_texture) == (1, 1, "blend", None)
     assert scene.shapes[0].geometry.uv is not None
     assert [text.partition(": ")[2] for text in said(path)][:-1] == [
         "not used: Maps of heights (map_Bump); normal maps are used."
