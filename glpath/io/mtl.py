@@ -6,7 +6,9 @@ Colours are linear, as Blender writes them. The statements are translated as fol
                           the Kd of a file are from 0 to 255, they are divided by 255, and so are Ks, Ke and Tf if
                           any of their values is above 1
     Ks Ns                 gloss or metal, see `phong`; with illum 3, 5 or 8, Ks is the reflectance of a mirror
-    Pr Pm                 roughness and metallic, which replace Ks and Ns; map_Pr and map_Pm replace them
+    Pr Pm                 roughness and metallic, which replace Ks and Ns; map_Pr and map_Pm replace them. Beside
+                          them, the mean of Tf is the transmission of refracting glass of colour Kd and index Ni,
+                          unless illum is a mode of glass: Blender writes such a Tf
     Pc Pcr Ps aniso       clearcoat and its roughness, sheen, anisotropy, over Ks and Ns or over Pr and Pm
     d, or Tr, map_d       opacity, blended; a surface of opacity 0 counts as opaque, with a note
     illum 6, 7            refracting glass of index Ni and colour Tf. It is always smooth, as in the ray tracers for
@@ -238,6 +240,9 @@ class _Reader:
         illum, opacity = self._illumination()
         if any(key in self.written for key in ("pr", "pm", "map_pr", "map_pm")):
             fields = self._metallic_roughness(diffuse, maps["map_pr"], maps["map_pm"])
+            transmission = float(self._colour("tf", 0.0).mean())
+            if transmission and illum not in _GLASS:
+                fields |= {"transmission": transmission, "ior": self._index()}
         else:
             if illum in (0, 1):
                 specular = np.zeros(3)
@@ -359,11 +364,15 @@ class _Reader:
             "reflectance": passes,
             "transmission": 1.0 - opacity if opacity < 1 else 1.0,
             "thin": illum not in _REFRACTS,
-            "ior": float(np.clip(self._number("ni", 1.5), 1.0, 10.0)),
+            "ior": self._index(),
             "roughness": 0.0,
             "metallic": 0.0,
             "specular_colour": np.ones(3),
         }
+
+    def _index(self) -> float:
+        """Return Ni, the index of refraction, clamped to [1, 10]."""
+        return float(np.clip(self._number("ni", 1.5), 1.0, 10.0))
 
     def _base_slot(self, base: _Map | None, alpha: _Map | None) -> TextureSlot | None:
         """Return the slot of a texture with map_Kd as colours and map_d as alpha; None if there is neither."""

@@ -420,6 +420,17 @@ def test_a_surface_with_alpha_of_blender_keeps_its_colour_and_gloss(
     assert (paint.opacity, paint.alpha) == ((1, "opaque") if density == "d 0" else (0.5, "blend"))
 
 
+@pytest.mark.parametrize("opacity", [1.0, 0.5])
+def test_glass_of_blender_has_the_colour_and_roughness_of_its_surface(tmp_path: Path, opacity: float) -> None:
+    """Blender's importer takes the mean of Tf as the weight of transmission, over Kd, Pr and Ni."""
+    pbr = "Ni 1.45\nPr 0.25\nPm 0\nPs 0\nPc 0\nPcr 0.03\naniso 0\nanisor 0\n"
+    written = f"Kd 0.8 1 0.9\nKs 0.5 0.5 0.5\nTf 1 1 1\nd {opacity}\nillum {2 if opacity == 1 else 9}\n"
+    glass, paint = surfaces(tmp_path, f"newmtl Paint\n{written}{pbr}newmtl Gold\n{written}").materials
+    assert (glass.transmission, glass.thin, glass.ior, glass.roughness) == (1, False, 1.45, 0.25)
+    assert (glass.reflectance.tolist(), glass.opacity) == ([0.8, 1, 0.9], opacity)
+    assert paint.transmission == 0  # without Pr and Pm as 3ds Max writes it
+
+
 def test_thin_glass_has_the_colour_of_its_paint(tmp_path: Path) -> None:
     red, grey = surfaces(
         tmp_path, "newmtl Paint\nillum 4\nKd 0.8 0.1 0.1\nd 0.2\nnewmtl Gold\nillum 4\nKd 0.5 0.5 0.5\nd 0.2"
