@@ -242,7 +242,7 @@ class _Reader:
             fields = self._metallic_roughness(diffuse, maps["map_pr"], maps["map_pm"])
             transmission = float(self._colour("tf", 0.0).mean())
             if transmission and illum not in _GLASS:
-                fields |= {"transmission": transmission, "ior": self._index()}
+                fields |= {"transmission": transmission, "thin": False, "ior": self._index()}
         else:
             if illum in (0, 1):
                 specular = np.zeros(3)
