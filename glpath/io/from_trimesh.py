@@ -1,6 +1,6 @@
 """Materials, colours and lights of trimesh objects. trimesh is not imported here, because the caller has done so.
 
-Colours of a `PBRMaterial`, and vertex colours of a mesh with a material, are linear, as in glTF. Others are sRGB.
+Colours of materials, and vertex colours of a mesh with a material, are linear, as in glTF and MTL. Others are sRGB.
 Missing fields of a `PBRMaterial` have the defaults of glTF, which are metallic and fully rough.
 """
 
@@ -19,7 +19,7 @@ from glpath.scene.model import Float64, Light, Material, Mesh, Texture, TextureS
 from glpath.system.private_interfaces import given_trimesh_lights
 
 _ALPHA: dict[str, Literal["opaque", "mask", "blend"]] = {"MASK": "mask", "BLEND": "blend"}
-#: Default 8-bit colour of trimesh materials. A material of this colour counts as one without a colour.
+#: Default 8-bit colour of trimesh materials. A colour of this value counts as not stated.
 _UNSAID = (102, 102, 102)
 
 
@@ -117,20 +117,20 @@ class Surfaces:
     def _phong(self, given: Any, with_colours: bool) -> Surface:
         """Return the surface of a `SimpleMaterial`, or of another trimesh material from its main colour."""
         texture = self._slot(getattr(given, "image", None), srgb=True)
-        diffuse = np.asarray(getattr(given, "diffuse", given.main_color))
-        base, opacity = decode_srgb(phong.share(diffuse[:3] / 255)), float(diffuse[3] / 255)
-        if tuple(diffuse[:3]) == _UNSAID:
+        diffuse = getattr(given, "diffuse", given.main_color)
+        opacity = float(diffuse[3] / 255)
+        base = _stated(given, "kd", diffuse)
+        if base is None:
             base = np.full(3, 1.0 if texture is not None or with_colours else 0.5)
-        specular = np.zeros(3)
-        exponent = getattr(given, "glossiness", None)
-        if exponent is not None and getattr(given, "specular", None) is not None:
-            specular = decode_srgb(phong.share(np.asarray(given.specular)[:3] / 255))
+        specular = _stated(given, "ks", getattr(given, "specular", _UNSAID))
+        if specular is None:
+            specular = np.zeros(3)
         material = Material(
             str(given.name),
             texture=texture,
             opacity=opacity,
             alpha="blend" if opacity < 1 else "opaque",
-            **phong.layers(base, texture is not None, specular, float(exponent or 0.0)),
+            **phong.layers(base, texture is not None, specular, getattr(given, "glossiness", 0.0)),
         )
         return Surface(material, np.zeros(3))
 
@@ -145,6 +145,16 @@ class Surfaces:
             self.textures.append(Texture(f"texture-{number}", pixels if srgb else pixels[..., :3], srgb=srgb))
             self._numbers[key] = number
         return TextureSlot(self._numbers[key])
+
+
+def _stated(given: Any, keyword: str, colour: Any) -> Float64 | None:
+    """Return a colour of a material as (3,) linear Rec. 709; None if it is trimesh's default.
+
+    keyword : MTL keyword, under which trimesh keeps the colour, too, if an MTL file states it
+    """
+    if tuple(colour[:3]) == _UNSAID and keyword not in getattr(given, "kwargs", {}):
+        return None
+    return phong.share(np.asarray(colour)[:3] / 255)
 
 
 def _share(value: Any) -> float:

@@ -1112,6 +1112,15 @@ def test_materials_of_trimesh_in_python() -> None:
     assert spot.position.tolist() == [0, 0, 9]
 
 
+@pytest.mark.parametrize("mtl", ["Kd 0.8 0.4 0.2", "Kd 0.4 0.4 0.4", "Kd 0.8 0.6 0.2\nKs 0.4 0.4 0.4\nNs 98"])
+def test_colours_of_an_obj_are_the_same_through_trimesh(tmp_path: Path, mtl: str) -> None:
+    path = square(tmp_path, f"newmtl m\n{mtl}\n")
+    ((direct,), (through,)) = (quiet(each).materials for each in (path, trimesh.load(path, force="mesh")))
+    assert through.reflectance == pytest.approx(direct.reflectance)
+    assert through.roughness == direct.roughness
+    assert through.specular_colour == pytest.approx(direct.specular_colour)
+
+
 def test_a_mesh_of_trimesh_brings_its_textures_into_a_scene_that_has_some() -> None:
     box = trimesh.creation.box()
     material = trimesh.visual.material.SimpleMaterial(image=Image.new("RGB", (2, 2)))
