@@ -13,6 +13,7 @@ import numpy as np
 
 from glpath.film.image import decode_srgb
 from glpath.io import phong
+from glpath.io.gltf.primitives import is_solid
 from glpath.io.gltf.surfaces import Surface
 from glpath.io.pictures import pixels_of
 from glpath.scene.model import Float64, Light, Material, Mesh, Texture, TextureSlot
@@ -70,7 +71,7 @@ class Surfaces:
     """Surfaces and textures made from the materials of trimesh meshes, each only once."""
 
     textures: list[Texture] = field(default_factory=list)
-    _surfaces: dict[tuple[int, bool, bool], Surface] = field(default_factory=dict)
+    _surfaces: dict[tuple[int, bool, bool, bool], Surface] = field(default_factory=dict)
     _numbers: dict[tuple[int, bool], int] = field(default_factory=dict)
     _alive: list[Any] = field(default_factory=list)  # keeps objects alive, so that their ids stay unique
 
@@ -83,25 +84,36 @@ class Surfaces:
         material = getattr(given.visual, "material", None) if given.visual.kind == "texture" else None
         if material is None:
             return (mesh, None) if mesh.colours is None else surface_of_colours(mesh)
-        key = (id(material), mesh.uv is not None, mesh.colours is not None)
+        is_pbr = hasattr(material, "baseColorFactor")
+        closed = is_pbr and not material.doubleSided and is_solid(mesh)
+        key = (id(material), mesh.uv is not None, mesh.colours is not None, closed)
         if key not in self._surfaces:
             self._alive.append(material)
-            make = self._metallic_roughness if hasattr(material, "baseColorFactor") else self._phong
-            surface = make(material, mesh.colours is not None)
+            if is_pbr:
+                surface = self._metallic_roughness(material, closed)
+            else:
+                surface = self._phong(material, mesh.colours is not None)
             if mesh.uv is None:
                 plain = replace(surface.material, **dict.fromkeys(surface.material.slots))  # type: ignore[arg-type]
                 surface = replace(surface, material=plain)
             self._surfaces[key] = surface
         return mesh, self._surfaces[key]
 
-    def _metallic_roughness(self, given: Any, with_colours: bool) -> Surface:
+    def _metallic_roughness(self, given: Any, closed: bool) -> Surface:
+        """Return the surface of a `PBRMaterial`.
+
+        closed : True if a one-sided mesh hides its backs. They are visible through its transparent parts only, and
+                 are then lit, as in glTF files; those of other one-sided meshes are absent.
+        """
         base = np.ones(4) if given.baseColorFactor is None else np.ravel(_rgba([given.baseColorFactor], srgb=False))
         emission = np.zeros(3) if given.emissiveFactor is None else np.maximum(given.emissiveFactor, 0.0)
         alpha = _ALPHA.get(str(given.alphaMode), "opaque")
+        two_sided = bool(given.doubleSided) or (closed and alpha != "opaque")
         material = Material(
             str(given.name),
             base[:3],
-            two_sided=bool(given.doubleSided),
+            two_sided=two_sided,
+            culled=not (two_sided or closed),
             texture=self._slot(given.baseColorTexture, srgb=True),
             roughness=_share(given.roughnessFactor),
             metallic=_share(given.metallicFactor),

@@ -1098,7 +1098,7 @@ def test_materials_of_trimesh_in_python() -> None:
     scene = quiet(world)
     by_name = {shape.name: shape for shape in scene.shapes}
     one, other = (scene.materials[by_name[name].material] for name in ("box", "again"))
-    assert (one.roughness, one.metallic, one.alpha, one.two_sided) == (0.25, 0, "blend", False)
+    assert (one.roughness, one.metallic, one.alpha, one.two_sided) == (0.25, 0, "blend", True)
     assert one.opacity == pytest.approx(128 / 255)
     assert set(one.slots) == {"texture", "normal_texture"}
     assert by_name["box"].emission.tolist() == [0.25, 0.5, 1]
@@ -1110,6 +1110,33 @@ def test_materials_of_trimesh_in_python() -> None:
     (spot,) = scene.lights
     assert (spot.kind, spot.direction.tolist(), spot.intensity.tolist()) == ("spot", [0, 0, -1], [4, 0, 0])
     assert spot.position.tolist() == [0, 0, 9]
+
+
+@pytest.mark.parametrize("faces", [10, 12], ids=["open", "closed"])
+@pytest.mark.parametrize("double_sided", [False, True])
+@pytest.mark.parametrize("alpha", ["OPAQUE", "BLEND"])
+def test_backs_are_the_same_through_trimesh(tmp_path: Path, faces: int, double_sided: bool, alpha: str) -> None:
+    box = trimesh.creation.box()
+    box.update_faces(np.arange(12) < faces)
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorFactor=[255, 255, 255, 128], doubleSided=double_sided, alphaMode=alpha
+    )
+    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(box.vertices), 2)), material=material)
+    box.export(tmp_path / "a.glb")
+    ((direct,), (through,)) = (quiet(each).materials for each in (tmp_path / "a.glb", box))
+    assert (through.two_sided, through.culled) == (direct.two_sided, direct.culled)
+    assert direct.culled == (faces == 10 and not double_sided)
+
+
+def test_meshes_of_one_material_keep_their_own_backs() -> None:
+    material = trimesh.visual.material.PBRMaterial()
+    box, lid = trimesh.creation.box(), trimesh.creation.box()
+    lid.update_faces(np.arange(12) < 2)
+    for each in (box, lid):
+        each.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(each.vertices), 2)), material=material)
+    scene = quiet(trimesh.Scene({"box": box, "lid": lid}))
+    culled = {shape.name: scene.materials[shape.material].culled for shape in scene.shapes}
+    assert culled == {"box": False, "lid": True}
 
 
 @pytest.mark.parametrize("mtl", ["Kd 0.8 0.4 0.2", "Kd 0.4 0.4 0.4", "Kd 0.8 0.6 0.2\nKs 0.4 0.4 0.4\nNs 98"])
