@@ -17,6 +17,7 @@ from glpath.io.gltf.primitives import is_solid
 from glpath.io.gltf.surfaces import Surface
 from glpath.io.pictures import pixels_of
 from glpath.scene.model import Float64, Light, Material, Mesh, Texture, TextureSlot
+from glpath.scene.source_location import SourceLocation
 from glpath.system.private_interfaces import given_trimesh_lights
 
 _ALPHA: dict[str, Literal["opaque", "mask", "blend"]] = {"MASK": "mask", "BLEND": "blend"}
@@ -75,15 +76,23 @@ class Surfaces:
     _numbers: dict[tuple[int, bool], int] = field(default_factory=dict)
     _alive: list[Any] = field(default_factory=list)  # keeps objects alive, so that their ids stay unique
 
-    def of(self, given: Any, mesh: Mesh) -> tuple[Mesh, Surface | None]:
+    def of(self, given: Any, mesh: Mesh, location: SourceLocation) -> tuple[Mesh, Surface | None]:
         """Return `mesh` with the colours of `given`, and its surface; None if there is neither material nor colour.
 
-        given : trimesh mesh from which `mesh` was made
+        given    : trimesh mesh from which `mesh` was made
+        location : location of `given`, for errors
+
+        Raises SceneError for a mesh with several materials.
         """
         mesh = coloured(mesh, given)
         material = getattr(given.visual, "material", None) if given.visual.kind == "texture" else None
         if material is None:
             return (mesh, None) if mesh.colours is None else surface_of_colours(mesh)
+        if hasattr(material, "materials"):
+            raise location.error(
+                f"has {len(material.materials)} materials, but a mesh has one.",
+                "Load it with merge_primitives=False, or make a mesh for each material.",
+            )
         is_pbr = hasattr(material, "baseColorFactor")
         closed = is_pbr and not material.doubleSided and is_solid(mesh)
         key = (id(material), mesh.uv is not None, mesh.colours is not None, closed)

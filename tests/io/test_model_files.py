@@ -1112,6 +1112,12 @@ def test_materials_of_trimesh_in_python() -> None:
     assert spot.position.tolist() == [0, 0, 9]
 
 
+def test_a_mesh_of_trimesh_with_several_materials_is_an_error(tmp_path: Path) -> None:
+    merged = trimesh.load(gltf(tmp_path / "a.gltf"), merge_primitives=True)
+    with pytest.raises(SceneError, match=r"\[\"mesh\"\] has 2 materials.*\n.*merge_primitives=False"):
+        quiet(merged)
+
+
 @pytest.mark.parametrize("faces", [10, 12], ids=["open", "closed"])
 @pytest.mark.parametrize("double_sided", [False, True])
 @pytest.mark.parametrize("alpha", ["OPAQUE", "BLEND"])
