@@ -910,6 +910,22 @@ def test_a_texture_of_a_ply_goes_before_its_colours(tmp_path: Path) -> None:
     assert scene.shapes[0].geometry.uv is not None
 
 
+@pytest.mark.parametrize("is_missing", [False, True], ids=["no coordinates", "no picture"])
+def test_colours_of_a_ply_stand_in_for_a_texture_that_cannot_be_used(tmp_path: Path, is_missing: bool) -> None:
+    if not is_missing:
+        Image.new("RGB", (2, 2)).save(tmp_path / "a.png")
+    plain, textured = tmp_path / "a.ply", tmp_path / "b.ply"
+    text = PLY if is_missing else PLY.replace("property float s", "property float a")
+    plain.write_text(text)
+    textured.write_text(text.replace("element vertex", "comment TextureFile a.png\nelement vertex"))
+    found, expected = (quiet(path).shapes[0].geometry.colours for path in (textured, plain))
+    assert found is not None
+    assert np.array_equal(found, expected)
+    notes = [text.partition("not used: ")[2] for text in said(textured)][:-1]
+    assert len(notes) == 1
+    assert "exture" in notes[0]
+
+
 def test_colours_of_faces_and_colours_that_are_one(tmp_path: Path) -> None:
     ball = trimesh.creation.box()
     ball.visual.face_colors = [[255, 0, 0, 255]] * 6 + [[0, 0, 255, 128]] * 6
