@@ -155,7 +155,7 @@ def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder:
             given = shape["mesh"]
             if id(given) not in made:
                 here = location.field("shapes").item(index).field("mesh")
-                made[id(given)] = surfaces.of(given, mesh_of_trimesh(given, here))
+                made[id(given)] = surfaces.of(given, mesh_of_trimesh(given, here), here)
             mesh, surface = made[id(given)]
             table = {**shape, "mesh": mesh}
             if surface is not None:

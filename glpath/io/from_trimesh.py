@@ -1,6 +1,6 @@
 """Materials, colours and lights of trimesh objects. trimesh is not imported here, because the caller has done so.
 
-Colours of a `PBRMaterial`, and vertex colours of a mesh with a material, are linear, as in glTF. Others are sRGB.
+Colours of materials, and vertex colours of a mesh with a material, are linear, as in glTF and MTL. Others are sRGB.
 Missing fields of a `PBRMaterial` have the defaults of glTF, which are metallic and fully rough.
 """
 
@@ -13,13 +13,15 @@ import numpy as np
 
 from glpath.film.image import decode_srgb
 from glpath.io import phong
+from glpath.io.gltf.primitives import is_solid
 from glpath.io.gltf.surfaces import Surface
 from glpath.io.pictures import pixels_of
 from glpath.scene.model import Float64, Light, Material, Mesh, Texture, TextureSlot
+from glpath.scene.source_location import SourceLocation
 from glpath.system.private_interfaces import given_trimesh_lights
 
 _ALPHA: dict[str, Literal["opaque", "mask", "blend"]] = {"MASK": "mask", "BLEND": "blend"}
-#: Default 8-bit colour of trimesh materials. A material of this colour counts as one without a colour.
+#: Default 8-bit colour of trimesh materials. A colour of this value counts as not stated.
 _UNSAID = (102, 102, 102)
 
 
@@ -70,38 +72,57 @@ class Surfaces:
     """Surfaces and textures made from the materials of trimesh meshes, each only once."""
 
     textures: list[Texture] = field(default_factory=list)
-    _surfaces: dict[tuple[int, bool, bool], Surface] = field(default_factory=dict)
+    _surfaces: dict[tuple[int, bool, bool, bool], Surface] = field(default_factory=dict)
     _numbers: dict[tuple[int, bool], int] = field(default_factory=dict)
     _alive: list[Any] = field(default_factory=list)  # keeps objects alive, so that their ids stay unique
 
-    def of(self, given: Any, mesh: Mesh) -> tuple[Mesh, Surface | None]:
+    def of(self, given: Any, mesh: Mesh, location: SourceLocation) -> tuple[Mesh, Surface | None]:
         """Return `mesh` with the colours of `given`, and its surface; None if there is neither material nor colour.
 
-        given : trimesh mesh from which `mesh` was made
+        given    : trimesh mesh from which `mesh` was made
+        location : location of `given`, for errors
+
+        Raises SceneError for a mesh with several materials.
         """
         mesh = coloured(mesh, given)
         material = getattr(given.visual, "material", None) if given.visual.kind == "texture" else None
         if material is None:
             return (mesh, None) if mesh.colours is None else surface_of_colours(mesh)
-        key = (id(material), mesh.uv is not None, mesh.colours is not None)
+        if hasattr(material, "materials"):
+            raise location.error(
+                f"has {len(material.materials)} materials, but a mesh has one.",
+                "Load it with merge_primitives=False, or make a mesh for each material.",
+            )
+        is_pbr = hasattr(material, "baseColorFactor")
+        closed = is_pbr and not material.doubleSided and is_solid(mesh)
+        key = (id(material), mesh.uv is not None, mesh.colours is not None, closed)
         if key not in self._surfaces:
             self._alive.append(material)
-            make = self._metallic_roughness if hasattr(material, "baseColorFactor") else self._phong
-            surface = make(material, mesh.colours is not None)
+            if is_pbr:
+                surface = self._metallic_roughness(material, closed)
+            else:
+                surface = self._phong(material, mesh.colours is not None)
             if mesh.uv is None:
                 plain = replace(surface.material, **dict.fromkeys(surface.material.slots))  # type: ignore[arg-type]
                 surface = replace(surface, material=plain)
             self._surfaces[key] = surface
         return mesh, self._surfaces[key]
 
-    def _metallic_roughness(self, given: Any, with_colours: bool) -> Surface:
+    def _metallic_roughness(self, given: Any, closed: bool) -> Surface:
+        """Return the surface of a `PBRMaterial`.
+
+        closed : True if a one-sided mesh hides its backs. They are visible through its transparent parts only, and
+                 are then lit, as in glTF files; those of other one-sided meshes are absent.
+        """
         base = np.ones(4) if given.baseColorFactor is None else np.ravel(_rgba([given.baseColorFactor], srgb=False))
         emission = np.zeros(3) if given.emissiveFactor is None else np.maximum(given.emissiveFactor, 0.0)
         alpha = _ALPHA.get(str(given.alphaMode), "opaque")
+        two_sided = bool(given.doubleSided) or (closed and alpha != "opaque")
         material = Material(
             str(given.name),
             base[:3],
-            two_sided=bool(given.doubleSided),
+            two_sided=two_sided,
+            culled=not (two_sided or closed),
             texture=self._slot(given.baseColorTexture, srgb=True),
             roughness=_share(given.roughnessFactor),
             metallic=_share(given.metallicFactor),
@@ -117,20 +138,20 @@ class Surfaces:
     def _phong(self, given: Any, with_colours: bool) -> Surface:
         """Return the surface of a `SimpleMaterial`, or of another trimesh material from its main colour."""
         texture = self._slot(getattr(given, "image", None), srgb=True)
-        diffuse = np.asarray(getattr(given, "diffuse", given.main_color))
-        base, opacity = decode_srgb(phong.share(diffuse[:3] / 255)), float(diffuse[3] / 255)
-        if tuple(diffuse[:3]) == _UNSAID:
+        diffuse = getattr(given, "diffuse", given.main_color)
+        opacity = float(diffuse[3] / 255)
+        base = _stated(given, "kd", diffuse)
+        if base is None:
             base = np.full(3, 1.0 if texture is not None or with_colours else 0.5)
-        specular = np.zeros(3)
-        exponent = getattr(given, "glossiness", None)
-        if exponent is not None and getattr(given, "specular", None) is not None:
-            specular = decode_srgb(phong.share(np.asarray(given.specular)[:3] / 255))
+        specular = _stated(given, "ks", getattr(given, "specular", _UNSAID))
+        if specular is None:
+            specular = np.zeros(3)
         material = Material(
             str(given.name),
             texture=texture,
             opacity=opacity,
             alpha="blend" if opacity < 1 else "opaque",
-            **phong.layers(base, texture is not None, specular, float(exponent or 0.0)),
+            **phong.layers(base, texture is not None, specular, getattr(given, "glossiness", 0.0)),
         )
         return Surface(material, np.zeros(3))
 
@@ -145,6 +166,16 @@ class Surfaces:
             self.textures.append(Texture(f"texture-{number}", pixels if srgb else pixels[..., :3], srgb=srgb))
             self._numbers[key] = number
         return TextureSlot(self._numbers[key])
+
+
+def _stated(given: Any, keyword: str, colour: Any) -> Float64 | None:
+    """Return a colour of a material as (3,) linear Rec. 709; None if it is trimesh's default.
+
+    keyword : MTL keyword, under which trimesh keeps the colour, too, if an MTL file states it
+    """
+    if tuple(colour[:3]) == _UNSAID and keyword not in getattr(given, "kwargs", {}):
+        return None
+    return phong.share(np.asarray(colour)[:3] / 255)
 
 
 def _share(value: Any) -> float:

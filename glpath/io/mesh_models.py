@@ -123,24 +123,29 @@ class _Reader:
     def _plain(self, mesh: Mesh) -> tuple[Mesh, Surface]:
         """Return the mesh and its surface, for a mesh without an MTL material.
 
-        The surface has the texture of the PLY file, otherwise the colours of the mesh, otherwise grey.
+        The surface has the texture of the PLY file. If it cannot be used, it has the colours of the mesh, otherwise
+        grey.
         """
         textures = self.file.ply.textures if self.file.ply is not None else ()
         if len(textures) > 1:
             self.notes[f"Textures but the first of {len(textures)}."] = None
-        if textures:
-            # Scanning programs write vertex colours that repeat the texture, so these colours are dropped.
-            return replace(mesh, colours=None), self._with_coordinates(self._textured(textures[0]), mesh)
+        textured = self._textured(textures[0]) if textures else None
+        if textured is not None:
+            textured = self._with_coordinates(textured, mesh)
+            if textured.material.slots or mesh.colours is None:
+                # Scanning programs write vertex colours that repeat the texture, so these colours are dropped.
+                return replace(mesh, colours=None), textured
         if mesh.colours is None:
             return mesh, _GREY
         return surface_of_colours(mesh)
 
-    def _textured(self, name: str) -> Surface:
+    def _textured(self, name: str) -> Surface | None:
+        """Return the surface of a texture; None, with a note, if there is no such picture."""
         pictures = Pictures(self.path.parent)
         image = pictures.picture(name)
         self.notes |= dict.fromkeys(pictures.files.notes())
         if image is None:
-            return _GREY
+            return None
         self.textures.append(Texture(name, image[..., :3], srgb=image.dtype == np.uint8))
         slot = TextureSlot(len(self.textures) - 1)
         return Surface(Material("texture", np.ones(3), texture=slot), np.zeros(3))

@@ -5,14 +5,19 @@ Colours are linear, as Blender writes them. The statements are translated as fol
     Kd map_Kd             reflectance and its texture. Kd of 0 with a texture counts as 1, and so does Ke of 0. If
                           the Kd of a file are from 0 to 255, they are divided by 255, and so are Ks, Ke and Tf if
                           any of their values is above 1
-    Ks Ns                 gloss, see `phong`; with illum 3, 5 or 8, Ks is the reflectance of a mirror
-    Pr Pm                 roughness and metallic, which replace Ks and Ns; map_Pr and map_Pm multiply them
+    Ks Ns                 gloss or metal, see `phong`; with illum 3, 5 or 8, Ks is the reflectance of a mirror
+    Pr Pm                 roughness and metallic, which replace Ks and Ns; map_Pr and map_Pm replace them. Beside
+                          them, the mean of Tf is the transmission of refracting glass of colour Kd and index Ni,
+                          unless illum is a mode of glass: Blender writes such a Tf
     Pc Pcr Ps aniso       clearcoat and its roughness, sheen, anisotropy, over Ks and Ns or over Pr and Pm
     d, or Tr, map_d       opacity, blended; a surface of opacity 0 counts as opaque, with a note
     illum 6, 7            refracting glass of index Ni and colour Tf. It is always smooth, as in the ray tracers for
                           which these modes were made
     illum 4, 9            glass as for illum 6, but without refraction, if d < 1 or Tf is neither 0 nor 1. Otherwise
-                          the surface is opaque, because Maya writes illum 4 and Tf 1 for opaque paint
+                          the surface is opaque, because Maya writes illum 4 and Tf 1 for opaque paint. Without such
+                          a Tf, a coloured Kd is the colour of the glass
+    illum 6, 9 with d < 1 as illum 2, unless Tf is neither 0 nor 1: Blender writes them for surfaces with alpha
+    illum 4 with Ni 1     as illum 2, if d is missing, with the mean of Tf as opacity, as Maya writes it
     Ke map_Ke             emission, W sr^-1 m^-2
     norm, map_Bump        normal map; a map_Bump that does not hold normals is a height map, which is not used
 
@@ -232,17 +237,18 @@ class _Reader:
         base, alpha = maps["map_kd"], maps["map_d"]
         diffuse = self._tint("kd", 1.0 if base is not None else 0.8)
         specular = self._colour("ks", 0.0)
-        illum = int(self._number("illum", 2.0))
+        illum, opacity = self._illumination()
         if any(key in self.written for key in ("pr", "pm", "map_pr", "map_pm")):
             fields = self._metallic_roughness(diffuse, maps["map_pr"], maps["map_pm"])
+            transmission = float(self._colour("tf", 0.0).mean())
+            if transmission and illum not in _GLASS:
+                fields |= {"transmission": transmission, "thin": False, "ior": self._index()}
         else:
             if illum in (0, 1):
                 specular = np.zeros(3)
-            fields = phong.layers(diffuse, base is not None, specular, self._number("ns", 0.0))
-            if illum in _MIRRORS:
-                fields = phong.mirroring(fields, specular)
-        opacity = float(phong.share(self._opacity()))
-        glass = self._glass(illum, opacity)
+            exponent = self._number("ns", 0.0)
+            fields = phong.layers(diffuse, base is not None, specular, exponent, mirror=illum in _MIRRORS)
+        glass = self._glass(illum, opacity, diffuse)
         if glass:
             fields |= glass
             opacity = 1.0
@@ -271,8 +277,8 @@ class _Reader:
     def _metallic_roughness(self, base: Float64, rough: _Map | None, metal: _Map | None) -> dict[str, Any]:
         fields: dict[str, Any] = {
             "reflectance": base,
-            "roughness": self._share("pr", 1.0 if rough is not None else 0.5),
-            "metallic": self._share("pm", 1.0 if metal is not None else 0.0),
+            "roughness": self._share_without_map("pr", rough, 0.5),
+            "metallic": self._share_without_map("pm", metal, 0.0),
         }
         given = rough or metal
         if given is not None:
@@ -290,6 +296,15 @@ class _Reader:
             key = ("surface", *parts)
             fields["surface_texture"] = self.library.slot(key, packed, given, False, 3 * height * width)
         return fields
+
+    def _share_without_map(self, keyword: str, texture: _Map | None, default: float) -> float:
+        """Return the share of a keyword; 1, with a note if another is written, if a texture replaces the share."""
+        if texture is None:
+            return self._share(keyword, default)
+        if self._share(keyword, 1.0) != 1:
+            name = keyword.capitalize()
+            self.library.notes[f"{name} beside map_{name}, which replaces it."] = None
+        return 1.0
 
     def _layers(self) -> dict[str, Any]:
         """Return fields of a `Material` for clearcoat, sheen and anisotropy; empty if the material has none."""
@@ -311,6 +326,17 @@ class _Reader:
             if is_map and len(self.library.notes) < _MAX_NOTES:
                 self.library.notes[f"Textures of {key[:40]}."] = None
 
+    def _illumination(self) -> tuple[int, float]:
+        """Return illum and the opacity. illum is 2 if an exporter writes a mode of glass for a blended surface."""
+        illum = int(self._number("illum", 2.0))
+        opacity = float(phong.share(self._opacity()))
+        passes = self._filter()
+        if illum in (6, 9) and opacity < 1 and passes is None:
+            return 2, opacity  # as Blender writes alpha
+        if illum == 4 and passes is not None and self._number("ni", 1.5) == 1 and not {"d", "tr"} & {*self.written}:
+            return 2, float(passes.mean())  # as Maya writes transparency
+        return illum, opacity
+
     def _opacity(self) -> float:
         values = [word for word in self.written.get("d", []) if word != "-halo"]
         if values:
@@ -322,23 +348,31 @@ class _Reader:
             return 1.0
         return 1.0 - transparency
 
-    def _glass(self, illum: int, opacity: float) -> dict[str, Any]:
+    def _filter(self) -> Float64 | None:
+        """Return Tf, the (3,) colour of glass; None if it is 0 or 1, which exporters write for any surface."""
+        colour = self._colour("tf", 0.0)
+        return colour if colour.any() and (colour != 1).any() else None
+
+    def _glass(self, illum: int, opacity: float, diffuse: Float64) -> dict[str, Any]:
         """Return the fields of a `Material` of glass; empty if the material is not glass."""
-        if illum not in _GLASS:
-            return {}
-        passes = self._colour("tf", 0.0)
-        if illum not in _REFRACTS and opacity >= 1 and (not passes.any() or (passes == 1).all()):
-            return {}  # opaque, because many exporters write such values for opaque surfaces
-        colour = passes if passes.any() else np.ones(3)
+        passes = self._filter()
+        if illum not in _GLASS or (illum not in _REFRACTS and opacity >= 1 and passes is None):
+            return {}  # many exporters write illum 4 and 9 for opaque surfaces
+        if passes is None:
+            passes = diffuse if illum not in _REFRACTS and np.ptp(diffuse) > 0 else np.ones(3)
         return {
-            "reflectance": colour,
+            "reflectance": passes,
             "transmission": 1.0 - opacity if opacity < 1 else 1.0,
             "thin": illum not in _REFRACTS,
-            "ior": float(np.clip(self._number("ni", 1.5), 1.0, 10.0)),
+            "ior": self._index(),
             "roughness": 0.0,
             "metallic": 0.0,
             "specular_colour": np.ones(3),
         }
+
+    def _index(self) -> float:
+        """Return Ni, the index of refraction, clamped to [1, 10]."""
+        return float(np.clip(self._number("ni", 1.5), 1.0, 10.0))
 
     def _base_slot(self, base: _Map | None, alpha: _Map | None) -> TextureSlot | None:
         """Return the slot of a texture with map_Kd as colours and map_d as alpha; None if there is neither."""
@@ -351,7 +385,8 @@ class _Reader:
         height, width = given.image.shape[:2]
 
         def composed() -> Image:
-            coverage = resized(_alpha(alpha), (height, width))
+            is_base = base is not None and base.image is alpha.image
+            coverage = resized(_alpha(alpha, is_base), (height, width))
             if base is None:
                 return np.dstack([np.full((height, width, 3), 255, np.uint8), coverage])
             return np.dstack([_bytes(base.image)[..., :3], coverage])
@@ -556,9 +591,16 @@ def _grey(given: _Map) -> NDArray[np.uint8]:
     return np.asarray((2 * total + 3) // 6, np.uint8)
 
 
-def _alpha(given: _Map) -> NDArray[np.uint8]:
-    """Return the opacity (h, w) of a map: its alpha, unless -imfchan is given; otherwise its grey values."""
+def _alpha(given: _Map, has_colours: bool) -> NDArray[np.uint8]:
+    """Return the opacity (h, w) of a map: its alpha, unless -imfchan is given; otherwise its grey values.
+
+    A grey picture with an opaque alpha is a mask, too, so it has its grey values.
+
+    has_colours : True if the picture also gives colours, so that its grey values are no mask
+    """
     image = _data_bytes(given.image)
     if given.channel is None and image.shape[2] == 4:
-        return np.ascontiguousarray(image[..., 3])
+        alpha = image[..., 3]
+        if has_colours or alpha.min() < 255 or (image[..., :1] != image[..., 1:3]).any():
+            return np.ascontiguousarray(alpha)
     return _grey(given)

@@ -320,6 +320,27 @@ def test_phong_becomes_microfacets(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("gloss", "is_metal"),
+    [
+        ("Ks 0.5 0.5 0.5\nillum 2", False),  # black plastic and lamps of Blender
+        ("Ks 0.5019608 0.5019608 0.5019608", False),  # 128 of 255
+        ("Ks 0.1 0.1 0.1", False),
+        ("Ks 0.5 0.5 0.5\nillum 3", True),
+        ("Ks 0.9 0.9 0.9", True),
+        ("Ks 0.4 0.3 0.1", True),
+    ],
+)
+def test_black_paint_is_metal_only_if_no_dielectric_reflects_so(tmp_path: Path, gloss: str, is_metal: bool) -> None:
+    """Dielectrics reflect without colour, and as Ks of 0.5 is an index of 1.5, most reflect no more than that."""
+    (paint, _) = surfaces(tmp_path, f"newmtl Paint\nNs 250\nKd 0 0 0\n{gloss}\nnewmtl Gold\nKd 1 1 1").materials
+    specular = [float(word) for word in gloss.split()[1:4]]
+    assert paint.metallic == is_metal
+    assert np.allclose(paint.reflectance, specular if is_metal else 0.0)
+    if not is_metal:
+        assert np.allclose(paint.dielectric[0], 0.04 * specular[0] / 0.5)
+
+
+@pytest.mark.parametrize(
     ("written", "opacity", "note"),
     [
         ("Tr 1", 1.0, "Tr of 1"),
@@ -364,7 +385,7 @@ def test_glass_light_and_opacity_of_mtl(tmp_path: Path) -> None:
         ("Tf 1 1 1\nNi 1", False),  # as Maya writes opaque paint
         ("d 1\nTf 1 1 1", False),
         ("Tf 0 0 0", False),
-        ("d 0.2", True),
+        ("d 0.2\nTf 0.9 0.9 1", True),
         ("Tf 0.9 0.9 1", True),
     ],
 )
@@ -378,6 +399,52 @@ def test_illumination_models_4_and_9_are_glass_only_if_light_gets_through(
     if not is_glass:
         assert paint.reflectance.tolist() == [0.5, 0.2, 0.1]
         assert paint.opacity == 1
+
+
+BLENDER_GLOSS = "Ns 250\nKa 1 1 1\nKs 0.5 0.5 0.5\nKe 0 0 0\nNi 1.5\n"
+
+
+@pytest.mark.parametrize("illum", [6, 9])
+@pytest.mark.parametrize("gloss", [BLENDER_GLOSS, "Pr 0.3\nPm 1\n"])
+@pytest.mark.parametrize("density", ["d 0.5", "d 0.5\nTf 1 1 1", "d 0"])
+def test_a_surface_with_alpha_of_blender_keeps_its_colour_and_gloss(
+    tmp_path: Path, illum: int, gloss: str, density: str
+) -> None:
+    """Blender writes illum 6 or 9 if alpha is below 1, and its importer reads Kd and d alone."""
+    written = f"Kd 0.8 0 0\n{gloss}{density}\n"
+    paint, plain = surfaces(
+        tmp_path, f"newmtl Paint\n{written}illum {illum}\nnewmtl Gold\n{written}illum 2"
+    ).materials
+    assert same(paint, plain)
+    assert paint.reflectance.tolist() == [0.8, 0, 0]
+    assert (paint.opacity, paint.alpha) == ((1, "opaque") if density == "d 0" else (0.5, "blend"))
+
+
+@pytest.mark.parametrize("opacity", [1.0, 0.5])
+def test_glass_of_blender_has_the_colour_and_roughness_of_its_surface(tmp_path: Path, opacity: float) -> None:
+    """Blender's importer takes the mean of Tf as the weight of transmission, over Kd, Pr and Ni."""
+    pbr = "Ni 1.45\nPr 0.25\nPm 0\nPs 0\nPc 0\nPcr 0.03\naniso 0\nanisor 0\n"
+    written = f"Kd 0.8 1 0.9\nKs 0.5 0.5 0.5\nTf 1 1 1\nd {opacity}\nillum {2 if opacity == 1 else 9}\n"
+    glass, paint = surfaces(tmp_path, f"newmtl Paint\n{written}{pbr}newmtl Gold\n{written}").materials
+    assert (glass.transmission, glass.thin, glass.ior, glass.roughness) == (1, False, 1.45, 0.25)
+    assert (glass.reflectance.tolist(), glass.opacity) == ([0.8, 1, 0.9], opacity)
+    assert paint.transmission == 0  # without Pr and Pm as 3ds Max writes it
+
+
+def test_thin_glass_has_the_colour_of_its_paint(tmp_path: Path) -> None:
+    red, grey = surfaces(
+        tmp_path, "newmtl Paint\nillum 4\nKd 0.8 0.1 0.1\nd 0.2\nnewmtl Gold\nillum 4\nKd 0.5 0.5 0.5\nd 0.2"
+    ).materials
+    assert (red.transmission, red.thin, red.reflectance.tolist()) == (0.8, True, [0.8, 0.1, 0.1])
+    assert (grey.transmission, grey.thin, grey.reflectance.tolist()) == (0.8, True, [1, 1, 1])
+
+
+def test_transparent_paint_of_maya_is_blended(tmp_path: Path) -> None:
+    """Maya writes 1 - transparency as Tf, without d, and Ni 1.00."""
+    mtl = "newmtl Paint\nillum 4\nKd 0.50 0.00 0.00\nKa 0.00 0.00 0.00\nTf 0.90 0.90 0.90\nNi 1.00\n"
+    paint, plain = surfaces(tmp_path, f"{mtl}newmtl Gold\nKd 0.5 0 0\nd 0.9").materials
+    assert same(paint, plain)
+    assert (paint.reflectance.tolist(), paint.opacity) == ([0.5, 0, 0], pytest.approx(0.9))
 
 
 def test_one_mtllib_statement_may_name_several_files(tmp_path: Path) -> None:
@@ -692,6 +759,36 @@ def test_colours_of_obj_vertices_follow_the_position_or_its_weight(tmp_path: Pat
     assert found == pytest.approx(decode_srgb(np.array([0.9, 0.1, 0.2])))
 
 
+@pytest.mark.parametrize("mode", ["LA", "RGBA"])
+def test_a_mask_is_the_same_with_and_without_an_opaque_alpha(tmp_path: Path, mode: str) -> None:
+    mask = Image.fromarray(np.arange(0, 256, 64, dtype=np.uint8).reshape(2, 2))
+    mask.save(tmp_path / "a.png")
+    mask.convert(mode).save(tmp_path / "b.png")
+    scene = quiet(square(tmp_path, "newmtl m\nmap_d a.png\nnewmtl n\nmap_d b.png\n", names=("m", "n")))
+    assert [texture.image[..., 3].tolist() for texture in scene.textures] == [[[0, 64], [128, 192]]] * 2
+
+
+@pytest.mark.parametrize("mtl", ["map_Kd a.png\nmap_d a.png", "map_d b.png"])
+def test_colours_beside_an_opaque_alpha_are_no_mask(tmp_path: Path, mtl: str) -> None:
+    """Exporters name the picture of map_Kd again as map_d, for its alpha."""
+    Image.new("RGBA", (2, 2), (90, 90, 90)).save(tmp_path / "a.png")
+    Image.new("RGBA", (2, 2), (90, 80, 70)).save(tmp_path / "b.png")
+    (texture,) = quiet(square(tmp_path, f"newmtl m\n{mtl}\n")).textures
+    assert (texture.image[..., 3] == 255).all()
+
+
+def test_maps_of_roughness_and_metal_replace_the_numbers_beside_them(tmp_path: Path) -> None:
+    """Blender writes the number of an input, which its texture overrides, beside the texture."""
+    Image.new("L", (2, 2), 100).save(tmp_path / "a.png")
+    maps = "map_Pr a.png\nmap_Pm a.png"
+    path = square(tmp_path, f"newmtl m\n{maps}\nPr 0\nPm 0\nnewmtl n\n{maps}\n", names=("m", "n"))
+    assert [(material.roughness, material.metallic) for material in quiet(path).materials] == [(1, 1)] * 2
+    assert [text.partition("not used: ")[2] for text in said(path)][:-1] == [
+        "Pr beside map_Pr, which replaces it.",
+        "Pm beside map_Pm, which replaces it.",
+    ]
+
+
 def test_textures_of_mtl(tmp_path: Path) -> None:
     colours = np.arange(48, dtype=np.uint8).reshape(4, 4, 3) * 5
     Image.fromarray(colours).save(tmp_path / "wood and oak.png")
@@ -699,7 +796,7 @@ def test_textures_of_mtl(tmp_path: Path) -> None:
     Image.fromarray(colours[::2, ::2, 1]).save(tmp_path / "small.png")
     mtl = (
         "newmtl Paint\nmap_Kd -s 2 3 1 -o 0.5 0.25 -clamp on wood and oak.png\nnorm -bm 0.5 wood and oak.png\n"
-        "newmtl Gold\nPr 0.5\nmap_Pr grey.png\nmap_Pm small.png\nKd 1 1 1\nmap_d grey.png\nbump grey.png\n"
+        "newmtl Gold\nPr 1\nmap_Pr grey.png\nmap_Pm small.png\nKd 1 1 1\nmap_d grey.png\nbump grey.png\n"
     )
     path = obj(tmp_path / "box.obj", mtl, uv=True)
     scene = quiet(path)
@@ -717,7 +814,7 @@ def test_textures_of_mtl(tmp_path: Path) -> None:
     channels = scene.textures[gold.surface_texture.texture].image
     assert np.array_equal(channels[..., 1], colours[..., 0])
     assert np.array_equal(scene.textures[gold.texture.texture].image[..., 3], colours[..., 0])
-    assert (gold.roughness, gold.metallic, gold.alpha, gold.normal_texture) == (0.5, 1, "blend", None)
+    assert (gold.roughness, gold.metallic, gold.alpha, gold.normal_texture) == (1, 1, "blend", None)
     assert scene.shapes[0].geometry.uv is not None
     assert [text.partition(": ")[2] for text in said(path)][:-1] == [
         "not used: Maps of heights (map_Bump); normal maps are used."
@@ -811,6 +908,22 @@ def test_a_texture_of_a_ply_goes_before_its_colours(tmp_path: Path) -> None:
     assert scene.materials[0].texture is not None
     assert scene.shapes[0].geometry.colours is None
     assert scene.shapes[0].geometry.uv is not None
+
+
+@pytest.mark.parametrize("is_missing", [False, True], ids=["no coordinates", "no picture"])
+def test_colours_of_a_ply_stand_in_for_a_texture_that_cannot_be_used(tmp_path: Path, is_missing: bool) -> None:
+    if not is_missing:
+        Image.new("RGB", (2, 2)).save(tmp_path / "a.png")
+    plain, textured = tmp_path / "a.ply", tmp_path / "b.ply"
+    text = PLY if is_missing else PLY.replace("property float s", "property float a")
+    plain.write_text(text)
+    textured.write_text(text.replace("element vertex", "comment TextureFile a.png\nelement vertex"))
+    found, expected = (quiet(path).shapes[0].geometry.colours for path in (textured, plain))
+    assert found is not None
+    assert np.array_equal(found, expected)
+    notes = [text.partition("not used: ")[2] for text in said(textured)][:-1]
+    assert len(notes) == 1
+    assert "exture" in notes[0]
 
 
 def test_colours_of_faces_and_colours_that_are_one(tmp_path: Path) -> None:
@@ -1001,7 +1114,7 @@ def test_materials_of_trimesh_in_python() -> None:
     scene = quiet(world)
     by_name = {shape.name: shape for shape in scene.shapes}
     one, other = (scene.materials[by_name[name].material] for name in ("box", "again"))
-    assert (one.roughness, one.metallic, one.alpha, one.two_sided) == (0.25, 0, "blend", False)
+    assert (one.roughness, one.metallic, one.alpha, one.two_sided) == (0.25, 0, "blend", True)
     assert one.opacity == pytest.approx(128 / 255)
     assert set(one.slots) == {"texture", "normal_texture"}
     assert by_name["box"].emission.tolist() == [0.25, 0.5, 1]
@@ -1013,6 +1126,48 @@ def test_materials_of_trimesh_in_python() -> None:
     (spot,) = scene.lights
     assert (spot.kind, spot.direction.tolist(), spot.intensity.tolist()) == ("spot", [0, 0, -1], [4, 0, 0])
     assert spot.position.tolist() == [0, 0, 9]
+
+
+def test_a_mesh_of_trimesh_with_several_materials_is_an_error(tmp_path: Path) -> None:
+    merged = trimesh.load(gltf(tmp_path / "a.gltf"), merge_primitives=True)
+    with pytest.raises(SceneError, match=r"\[\"mesh\"\] has 2 materials.*\n.*merge_primitives=False"):
+        quiet(merged)
+
+
+@pytest.mark.parametrize("faces", [10, 12], ids=["open", "closed"])
+@pytest.mark.parametrize("double_sided", [False, True])
+@pytest.mark.parametrize("alpha", ["OPAQUE", "BLEND"])
+def test_backs_are_the_same_through_trimesh(tmp_path: Path, faces: int, double_sided: bool, alpha: str) -> None:
+    box = trimesh.creation.box()
+    box.update_faces(np.arange(12) < faces)
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorFactor=[255, 255, 255, 128], doubleSided=double_sided, alphaMode=alpha
+    )
+    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(box.vertices), 2)), material=material)
+    box.export(tmp_path / "a.glb")
+    ((direct,), (through,)) = (quiet(each).materials for each in (tmp_path / "a.glb", box))
+    assert (through.two_sided, through.culled) == (direct.two_sided, direct.culled)
+    assert direct.culled == (faces == 10 and not double_sided)
+
+
+def test_meshes_of_one_material_keep_their_own_backs() -> None:
+    material = trimesh.visual.material.PBRMaterial()
+    box, lid = trimesh.creation.box(), trimesh.creation.box()
+    lid.update_faces(np.arange(12) < 2)
+    for each in (box, lid):
+        each.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(each.vertices), 2)), material=material)
+    scene = quiet(trimesh.Scene({"box": box, "lid": lid}))
+    culled = {shape.name: scene.materials[shape.material].culled for shape in scene.shapes}
+    assert culled == {"box": False, "lid": True}
+
+
+@pytest.mark.parametrize("mtl", ["Kd 0.8 0.4 0.2", "Kd 0.4 0.4 0.4", "Kd 0.8 0.6 0.2\nKs 0.4 0.4 0.4\nNs 98"])
+def test_colours_of_an_obj_are_the_same_through_trimesh(tmp_path: Path, mtl: str) -> None:
+    path = square(tmp_path, f"newmtl m\n{mtl}\n")
+    ((direct,), (through,)) = (quiet(each).materials for each in (path, trimesh.load(path, force="mesh")))
+    assert through.reflectance == pytest.approx(direct.reflectance)
+    assert through.roughness == direct.roughness
+    assert through.specular_colour == pytest.approx(direct.specular_colour)
 
 
 def test_a_mesh_of_trimesh_brings_its_textures_into_a_scene_that_has_some() -> None:
