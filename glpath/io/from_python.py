@@ -135,7 +135,13 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
     if scene.has_camera:
         to_world, camera = np.asarray(scene.camera_transform), scene.camera
         eye, forward, up = to_world[:3, 3], -to_world[:3, 2], to_world[:3, 1]
-        data["camera"] = {"position": eye, "target": eye + forward, "up": up, "fov": float(camera.fov[1])}
+        data["camera"] = {
+            "position": eye,
+            "target": eye + forward,
+            "up": up,
+            "fov": float(camera.fov[1]),
+            "pixel_aspect": float(camera.K[1, 1] / camera.K[0, 0]),
+        }
         data["film"] = {"resolution": [int(each) for each in camera.resolution]}
     return data
 
