@@ -41,7 +41,7 @@ from glpath.rendering.options import (
 )
 from glpath.sampling import MAX_FIRST_PATH_SET, MAX_SPP
 from glpath.scene import Camera, Scene, check_camera
-from glpath.scene.camera import framed
+from glpath.scene.camera import framed, with_changes, without_motion
 from glpath.scene.choices import PROJECTIONS, Projection
 from glpath.scene.geometry import Shapes
 from glpath.scene.source_location import SourceLocation
@@ -443,7 +443,7 @@ def with_overrides(
         width, height = whole_numbers("resolution", resolution, 2)
         changes["resolution"] = (width, height)
     if changes:
-        check_camera(replace(scene.camera, **changes), source)  # before `Scene`, which has no location for errors
+        check_camera(with_changes(scene.camera, changes), source)  # before `Scene`, whose errors have no location
     changed = scene.with_camera(**changes) if changes else scene
     if (looked_at := (camera or {}).get("look_at")) is not None:
         changed = _looking_at(changed, looked_at, changes)
@@ -477,7 +477,7 @@ def _looking_at(scene: Scene, name: Any, changes: Mapping[str, Any]) -> Scene:
         return scene.with_camera(target=0.5 * (points.min(axis=0) + points.max(axis=0)))
     if scene.camera.projection == "panorama":
         raise UsageError("camera look_at: a panorama looks all around.", "Give it a position.")
-    return scene.with_camera(framed(scene.camera.at(opened), points))
+    return scene.with_camera(framed(without_motion(scene.camera), points))
 
 
 def window_of(resolution: tuple[int, int], crop: tuple[int, int, int, int] | None, name: str = "crop") -> Window:

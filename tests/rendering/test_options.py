@@ -37,6 +37,7 @@ from glpath.rendering.options import annotation_of, checked, options, settings_o
 from glpath.rendering.points import lit
 from glpath.rendering.run_options import RunKeywords, RunOptions
 from glpath.scene.geometry import vector
+from glpath.sensors.sensor import CameraSensor
 
 BOX = "cornell-box-36"
 
@@ -461,6 +462,23 @@ def test_a_camera_looks_at_a_shape_by_its_name() -> None:
         assert np.allclose(camera.frame(), scene.camera.frame()), "it does not turn"
     camera = with_overrides(scene, None, {"look_at": "red ball", "position": [1, 2, 3]}).camera
     assert (camera.position.tolist(), camera.target.tolist()) == ([1, 2, 3], [-4, 1, 0])
+
+
+def test_an_override_of_a_moving_camera_starts_where_it_is_when_the_shutter_opens() -> None:
+    keys = [{"time": 0, "position": [0, 0, 10]}, {"time": 1, "position": [0, 0, 20], "target": [2, 0, 0]}]
+    moving, still = (
+        glpath.load_scene({**TWO_BALLS, "camera": {**TWO_BALLS["camera"], **fields}})
+        for fields in (
+            {"motion": keys, "shutter": [0.5, 1]},
+            {"position": [0, 0, 15], "target": [1, 0, 0], "shutter": [0.5, 1]},
+        )
+    )
+    for changes in ({"target": [1, 1, 0]}, {"up": [1, 1, 0]}, {"look_at": "red ball"}):
+        found, expected = (CameraSensor.of(with_overrides(each, None, changes).camera) for each in (moving, still))
+        assert found == expected
+        assert found.shutter == (0.5, 1.0), "what moves is blurred"
+    found = with_overrides(moving, None, {"up": [1, 1, 0], "shutter": [0, 1]}).camera
+    assert found.position.tolist() == [0, 0, 10]
 
 
 @pytest.mark.parametrize(

@@ -90,6 +90,16 @@ def test_a_turned_camera_goes_around_its_target_at_its_height_and_distance(up: t
     assert quarter.position == pytest.approx([0.0, 0.5, -1.0]), "counter-clockwise seen from above"
 
 
+def test_a_moving_camera_is_turned_from_where_it_is_when_the_shutter_opens() -> None:
+    up, target = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    keys = tuple(CameraKey(t, np.array([1.0, 0.0, z]), target, up) for t, z in ((0.0, 8.0), (1.0, 10.0)))
+    moving = Camera(np.array([0.0, 3.0, 4.0]), np.zeros(3), up, 40.0, (8, 6), shutter=(0.5, 2.0), motion=keys)
+    still = Camera(np.array([1.0, 0.0, 9.0]), target, up, 40.0, (8, 6), shutter=(0.5, 2.0))
+    for here, there in zip(moving.turntable(3), still.turntable(3), strict=True):
+        assert (here.position.tolist(), here.target.tolist()) == (there.position.tolist(), there.target.tolist())
+        assert (here.shutter, here.motion) == ((0.5, 2.0), ())
+
+
 @pytest.mark.parametrize("resolution", [(40, 30), (7, 64)])
 @pytest.mark.parametrize("projection", ["orthographic", "panorama"])
 def test_every_projection_projects_to_where_a_ray_came_from(
