@@ -24,6 +24,7 @@ import glpath
 from glpath.cli import render as render_cli
 from glpath.cli.main import app
 from glpath.cli.run_request import OF_DAYLIGHT, OF_FILMS, OF_MATRICES, OF_RENDERS, OF_SOLVERS
+from glpath.cli.scene import seen
 from glpath.cli.signals import signals_wait_for_results
 from glpath.cli.typed import as_typed
 from glpath.integrators.by_name import INTEGRATORS, IntegratorKeywords
@@ -479,6 +480,55 @@ def test_an_override_of_a_moving_camera_starts_where_it_is_when_the_shutter_open
         assert found.shutter == (0.5, 1.0), "what moves is blurred"
     found = with_overrides(moving, None, {"up": [1, 1, 0], "shutter": [0, 1]}).camera
     assert found.position.tolist() == [0, 0, 10]
+
+
+_PARALLEL = {"type": "orthographic", "height": 2}
+
+
+@pytest.mark.parametrize(
+    ("before", "changes", "field"),
+    [
+        ({}, {"height": 8}, "height"),
+        ({}, {"type": "orthographic"}, "height"),
+        ({}, {"type": "orthographic", "look_at": "red ball", "position": [1, 2, 3]}, "height"),
+        ({}, {**_PARALLEL, "fov": 20}, "fov"),
+        ({}, {**_PARALLEL, "focus_distance": 2}, "focus_distance"),
+        ({}, {"type": "panorama", "fov": 20}, "fov"),
+        ({}, {"type": "panorama", "height": 3}, "height"),
+        ({}, {"type": "panorama", "focus_distance": 2}, "focus_distance"),
+        (_PARALLEL, {"fov": 20}, "fov"),
+        ({}, {"fov": 20, "focus_distance": 2}, None),
+        ({}, _PARALLEL, None),
+        ({}, {"type": "orthographic", "look_at": "red ball"}, None),
+        (_PARALLEL, {"type": "orthographic", "up": [1, 0, 0]}, None),
+        (_PARALLEL, {"height": 3}, None),
+        (_PARALLEL, {"type": "perspective"}, None),
+        ({"aperture_radius": 0.1}, {"type": "panorama", "aperture_radius": 0}, None),
+    ],
+)
+def test_an_override_takes_the_fields_that_a_scene_file_takes(
+    before: dict[str, Any], changes: dict[str, Any], field: str | None
+) -> None:
+    view = {"position": [0, 0, 9], "target": [0, 0, 0]}
+    scene = glpath.load_scene({**TWO_BALLS, "camera": {**view, **before}})
+    if field is None:
+        with_overrides(scene, None, changes)
+        return
+    with pytest.raises(glpath.SceneError, match=rf"camera\.{field} is "):
+        with_overrides(scene, None, changes)
+    named = {name: value for name, value in changes.items() if name != "look_at"}
+    with pytest.raises(glpath.SceneError, match=field):
+        glpath.load_scene({**TWO_BALLS, "camera": {**view, **before, **named}})
+
+
+def test_options_of_the_camera_are_named_where_its_type_has_none() -> None:
+    scene = glpath.load_scene(TWO_BALLS)
+    for changes, message in (
+        ({"height": 8.0}, "^--camera-height is given, but a camera of type perspective has none"),
+        ({"type": "orthographic"}, r"^--camera-height is missing(?s:.*)For example --camera-height 2\."),
+    ):
+        with pytest.raises(glpath.UsageError, match=message):
+            seen(scene, None, changes)
 
 
 @pytest.mark.parametrize(
