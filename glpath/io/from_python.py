@@ -75,7 +75,7 @@ def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fi
     part = _scene_with_looks(data, PythonLocation("shape"), Path(), "shape")
     (new,) = part.shapes
     if new.motion is not None:
-        new = replace(new, world_from_object=new.motion.at(scene.camera.shutter[0]))
+        new = replace(new, world_from_object=new.at(scene.camera.shutter[0]).world_from_object)
     name = new.name if "name" in table else f"{new.kind}-{len(scene.shapes)}"
     if isinstance(material, str):
         number, materials = names.index(material), scene.materials
