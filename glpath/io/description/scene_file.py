@@ -75,7 +75,6 @@ def scene_schema() -> dict[str, Any]:
         ("Phong", "mirror", share),
         ("Principled", "reflectance", share),
         ("Principled", "specular_color", positive),
-        ("Glazing", "reflectance", share),
         ("Glazing", "transmittance", share),
         ("Principled", "attenuation", positive),
         ("Principled", "diffuse_transmission_color", share),
@@ -98,6 +97,10 @@ def scene_schema() -> dict[str, Any]:
         defined[table]["properties"]["scale"]["anyOf"] = _number_or_list(2, {"exclusiveMinimum": 0})
     angle = {"type": "number", "minimum": 0, "maximum": 180}
     defined["SpotLight"]["properties"]["cone"]["prefixItems"] = [angle] * 2
+    # Fields of all materials that glazing cannot have, or with one value only.
+    glazing = defined["Glazing"]["properties"]
+    del glazing["reflectance"]
+    glazing["two_sided"]["const"], glazing["culled"]["const"] = True, False
     # The reader of scene files adds a missing camera before msgspec decodes them.
     del defined["SceneFile"]["required"]
     for has_a_default_type in ("Camera", "Diffuse"):
