@@ -117,7 +117,7 @@ def _check_between_keys(camera: Camera, location: SourceLocation) -> None:
     middle = 0.5 * (np.cross(views[:-1], ups[1:]) + np.cross(views[1:], ups[:-1]))
     # If both points are on the side of the first one, so is the whole curve, which then does not reach 0.
     crosses = np.minimum((first * middle).sum(axis=1), (first * last).sum(axis=1)) <= 0
-    for index in np.flatnonzero(crosses):
+    for index in np.flatnonzero(crosses).tolist():
         a, b, c = first[index], middle[index], last[index]
         x, y, z = (Polynomial(powers) for powers in np.stack([a, 2 * (b - a), a - 2 * b + c], axis=1))
         slope = (x**2 + y**2 + z**2).deriv()
