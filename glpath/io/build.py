@@ -28,6 +28,7 @@ from glpath.scene import tessellate
 from glpath.scene.camera_check import check_camera
 from glpath.scene.geometry import IDENTITY
 from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes, Stream, placed
+from glpath.scene.motion import moved_plane
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
@@ -111,11 +112,11 @@ def build(
                 _check_extent(placed(geometry.vertices, matrix), here)
                 geometry = with_area(geometry, matrix, shape_name, here)
         moved = motion.motion_of(given.motion, matrix[None], here.field("motion"))
-        if moved is not None:
-            matrix = moved.at(camera.shutter[0])[0]
         shape = Shape(
             shape_name, geometry, material, matrix[None], subdivisions=subdivisions, kind=kind, motion=moved
         )
+        if moved is not None:
+            shape = replace(shape, world_from_object=shape.at(camera.shutter[0]).world_from_object)
         shapes.append(
             lights.emission(given.emission, here.field("emission"), scene_unit, shape, surfaces[material], textures)
         )
@@ -239,19 +240,10 @@ def _plane(given: description.Plane, location: SourceLocation) -> Float64:
                 "It is the direction in which the texture coordinate u grows.",
             )
     across = np.cross(normal, along)
-    world = _world(given, location)
-    linear = world[:3, :3]
-    point = linear @ given.point + world[:3, 3]
-    _check_extent(np.abs(point), location)
-    normal = np.linalg.inv(linear).T @ normal
-    normal /= np.linalg.norm(normal)
-    u, v = linear @ along, linear @ across
-    u -= (u @ normal) * normal  # removes rounding errors
-    v_length = np.linalg.norm(v - (v @ u) / (u @ u) * u)
-    if given.flip_normals:
-        normal = -normal
-    v = v_length * np.cross(normal, u / np.linalg.norm(u))
-    return np.column_stack([u, v, normal, point])
+    front = -normal if given.flip_normals else normal
+    frame = moved_plane(np.column_stack([along, across, front, given.point]), _world(given, location)[:3])
+    _check_extent(np.abs(frame[:, 3]), location)
+    return frame
 
 
 def _stream(

@@ -75,7 +75,7 @@ def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fi
     part = _scene_with_looks(data, PythonLocation("shape"), Path(), "shape")
     (new,) = part.shapes
     if new.motion is not None:
-        new = replace(new, world_from_object=new.motion.at(scene.camera.shutter[0]))
+        new = replace(new, world_from_object=new.at(scene.camera.shutter[0]).world_from_object)
     name = new.name if "name" in table else f"{new.kind}-{len(scene.shapes)}"
     if isinstance(material, str):
         number, materials = names.index(material), scene.materials
@@ -135,7 +135,13 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
     if scene.has_camera:
         to_world, camera = np.asarray(scene.camera_transform), scene.camera
         eye, forward, up = to_world[:3, 3], -to_world[:3, 2], to_world[:3, 1]
-        data["camera"] = {"position": eye, "target": eye + forward, "up": up, "fov": float(camera.fov[1])}
+        data["camera"] = {
+            "position": eye,
+            "target": eye + forward,
+            "up": up,
+            "fov": float(camera.fov[1]),
+            "pixel_aspect": float(camera.K[1, 1] / camera.K[0, 0]),
+        }
         data["film"] = {"resolution": [int(each) for each in camera.resolution]}
     return data
 

@@ -80,7 +80,7 @@ def _material(
     if given.culled and (given.two_sided or glass):
         raise location.field("culled").error(
             "is true of a material that has a back: it is two-sided, or glass.",
-            "Say two_sided = false, or leave it out.",
+            "Leave it out, or say two_sided = false of a material that is not glass.",
         )
     return replace(
         _reflecting(name, given, texture_number, location),
@@ -123,6 +123,10 @@ def _glazing(name: str, given: Glazing, texture: TextureSlot | None, location: S
     if not isinstance(given.reflectance, UnsetType):
         raise location.field("reflectance").error(
             "is of glazing, which reflects by its index.", "Leave it out, or make it a principled material."
+        )
+    if not given.two_sided:
+        raise location.field("two_sided").error(
+            "is false of glazing, which lets light through from both sides.", "Leave it out."
         )
     transmittance, limit = rgb(given.transmittance), clearest(given.ior)
     if np.any((transmittance <= 0) | (transmittance > limit * (1 + 1e-9))):

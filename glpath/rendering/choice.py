@@ -139,7 +139,8 @@ def _stands_free(scene: Scene) -> bool:
     if emitted_radiance(scene) > FAINT * scene.sky.mean_integral / (4 * math.pi):
         return False
     lower, upper = scene.bounds
-    return bool(np.any((scene.camera.position < lower) | (scene.camera.position > upper)))
+    eye = scene.camera.at().position
+    return bool(np.any((eye < lower) | (eye > upper)))
 
 
 def _solvable(scene: Scene) -> bool:

@@ -41,7 +41,7 @@ from glpath.rendering.options import (
 )
 from glpath.sampling import MAX_FIRST_PATH_SET, MAX_SPP
 from glpath.scene import Camera, Scene, check_camera
-from glpath.scene.camera import framed
+from glpath.scene.camera import framed, with_changes, without_motion
 from glpath.scene.choices import PROJECTIONS, Projection
 from glpath.scene.geometry import Shapes
 from glpath.scene.source_location import SourceLocation
@@ -403,6 +403,13 @@ _CAMERA_NUMBERS = {
     "principal_point": 2,
     "pixel_aspect": 1,
 }
+# Projection to which a camera field belongs, for fields of one projection. `check_camera` checks `aperture_radius`,
+# because the value 0 turns the scene's lens off for all projections.
+_PROJECTION_OF: dict[str, Projection] = {
+    "fov": "perspective",
+    "focus_distance": "perspective",
+    "height": "orthographic",
+}
 
 
 def with_overrides(
@@ -443,11 +450,36 @@ def with_overrides(
         width, height = whole_numbers("resolution", resolution, 2)
         changes["resolution"] = (width, height)
     if changes:
-        check_camera(replace(scene.camera, **changes), source)  # before `Scene`, which has no location for errors
+        check_camera(with_changes(scene.camera, changes), source)  # before `Scene`, whose errors have no location
+        _check_projection(scene.camera, changes, "look_at" in (camera or {}) and "position" not in changes, source)
     changed = scene.with_camera(**changes) if changes else scene
     if (looked_at := (camera or {}).get("look_at")) is not None:
         changed = _looking_at(changed, looked_at, changes)
     return changed
+
+
+def _check_projection(
+    camera: Camera, changes: Mapping[str, Any], is_framed: bool, source: str | SourceLocation
+) -> None:
+    """Raise SceneError for fields of another projection, and for a projection that lacks its field.
+
+    camera    : camera before the changes
+    is_framed : True if the height of an orthographic camera is computed later
+    """
+    projection = changes.get("projection", camera.projection)
+    location = (SourceLocation(source) if isinstance(source, str) else source).field("camera")
+    for name in changes:
+        if _PROJECTION_OF.get(name, projection) != projection:
+            raise location.field(name).error(
+                f"is given, but a camera of type {projection} has none.", "Leave it out, or choose another type."
+            )
+    new = projection == "orthographic" != camera.projection
+    if new and not is_framed and "height" not in changes:
+        height = location.field("height")
+        raise height.error(
+            "is missing: it is the height of the whole image of an orthographic camera, in scene units.",
+            f"For example {height.setting(2)}.",
+        )
 
 
 def _looking_at(scene: Scene, name: Any, changes: Mapping[str, Any]) -> Scene:
@@ -477,7 +509,7 @@ def _looking_at(scene: Scene, name: Any, changes: Mapping[str, Any]) -> Scene:
         return scene.with_camera(target=0.5 * (points.min(axis=0) + points.max(axis=0)))
     if scene.camera.projection == "panorama":
         raise UsageError("camera look_at: a panorama looks all around.", "Give it a position.")
-    return scene.with_camera(framed(scene.camera.at(opened), points))
+    return scene.with_camera(framed(without_motion(scene.camera), points))
 
 
 def window_of(resolution: tuple[int, int], crop: tuple[int, int, int, int] | None, name: str = "crop") -> Window:

@@ -9,6 +9,7 @@ is open, because each accumulated path set is rendered at another time [PB 3.3; 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -123,13 +124,14 @@ class Camera:
     def turned(self, degrees: float) -> Camera:
         """Return the camera rotated about the axis `up` through its target, counter-clockwise seen from above.
 
-        The result does not move; it has the pose at the start of the camera's motion.
+        The result does not move; it starts from the pose at which the shutter opens.
         """
         if not np.isfinite(degrees):
             raise UsageError(f"degrees: {short_repr(degrees)} where a finite number is needed")
-        arm = self.position - self.target
-        rotation = matrix33.create_from_axis_rotation(np.asarray(self.up, np.float64), np.radians(degrees))
-        return replace(self, position=self.target + arm @ rotation, motion=())
+        camera = without_motion(self)
+        arm = camera.position - camera.target
+        rotation = matrix33.create_from_axis_rotation(np.asarray(camera.up, np.float64), np.radians(degrees))
+        return replace(camera, position=camera.target + arm @ rotation)
 
     @checked
     def turntable(self, frames: int) -> list[Camera]:
@@ -305,6 +307,23 @@ def _vectors(name: str, given: ArrayLike, size: int) -> Float64:
     """Return an array (..., size). Raises UsageError for another shape."""
     found: Float64 = real_array(name, given, f"(..., {size})", lambda shape: shape[-1:] == (size,))
     return found
+
+
+def without_motion(camera: Camera) -> Camera:
+    """Return the camera fixed in the pose at which its shutter opens. Its shutter is unchanged."""
+    return replace(camera.at(), shutter=camera.shutter)
+
+
+def with_changes(camera: Camera, changes: Mapping[str, Any]) -> Camera:
+    """Return the camera with new values of fields.
+
+    changes : values by field name. A new position, target or up removes the motion, which would override it. The
+              other two are then those at which the shutter opens
+    """
+    if changes.keys() & {"position", "target", "up"}:
+        shutter = changes.get("shutter", camera.shutter)
+        camera = without_motion(replace(camera, shutter=shutter))
+    return replace(camera, **changes)
 
 
 def framing(points: Float64, resolution: tuple[int, int], up: ArrayLike = (0.0, 1.0, 0.0)) -> Camera:

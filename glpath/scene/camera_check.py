@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from glpath.scene.camera import Camera, CameraKey
 from glpath.scene.choices import PROJECTIONS
@@ -53,6 +54,8 @@ def check_camera(camera: Camera, source: str | SourceLocation) -> None:
     _check_pose(camera, location)
     for index, key in enumerate(camera.motion):
         _check_pose(key, location.field("motion").item(index))
+    if len(camera.motion) > 1:
+        _check_between_keys(camera, location.field("motion"))
 
 
 def _check_lens(camera: Camera, location: SourceLocation) -> None:
@@ -99,6 +102,35 @@ def _check_motion(camera: Camera, location: SourceLocation) -> None:
             raise here.field("time").wrong(
                 float(key.time), f"above {before:g}, the key before" if index else "a finite number", "Sort them."
             )
+
+
+def _check_between_keys(camera: Camera, location: SourceLocation) -> None:
+    """Raise SceneError if the camera passes through its target or looks along `up` between two keys.
+
+    location : location of the list of keys
+    """
+    views = np.array([key.target - key.position for key in camera.motion])
+    ups = np.array([key.up for key in camera.motion])
+    views, ups = views / np.abs(views).max(), ups / np.abs(ups).max()
+    # Bezier points of view x up, which points to the right of the image, and is quadratic in time between two keys.
+    first, last = np.cross(views[:-1], ups[:-1]), np.cross(views[1:], ups[1:])
+    middle = 0.5 * (np.cross(views[:-1], ups[1:]) + np.cross(views[1:], ups[:-1]))
+    # If both points are on the side of the first one, so is the whole curve, which then does not reach 0.
+    crosses = np.minimum((first * middle).sum(axis=1), (first * last).sum(axis=1)) <= 0
+    for index in np.flatnonzero(crosses).tolist():
+        a, b, c = first[index], middle[index], last[index]
+        x, y, z = (Polynomial(powers) for powers in np.stack([a, 2 * (b - a), a - 2 * b + c], axis=1))
+        slope = (x**2 + y**2 + z**2).deriv()
+        shortest = _PARALLEL * np.sqrt(max(a @ a, c @ c))
+        for t in slope.trim(1e-8 * np.abs(slope.coef).max()).roots().real:
+            if 0 < t < 1 and np.linalg.norm([x(t), y(t), z(t)]) < shortest:
+                before, after = camera.motion[index], camera.motion[index + 1]
+                raise location.item(index + 1).error(
+                    f"is reached from {location.item(index).path} through a pose without a view: at time "
+                    f"{before.time + t * (after.time - before.time):.6g} the camera is at its target, or looks "
+                    "along up.",
+                    "Move one of the two keys, or put another between them.",
+                )
 
 
 def _check_pose(camera: Camera | CameraKey, location: SourceLocation) -> None:

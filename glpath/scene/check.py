@@ -31,7 +31,7 @@ def check_scene(scene: Scene, seen: bool = True) -> list[str]:
     """
     shining = [light for light in scene.lights if np.any(light.intensity > 0)]
     placed = [light for light in shining if light.kind != "directional"]
-    around_camera = enclosing(scene, scene.camera.position)
+    around_camera = enclosing(scene, scene.camera.at().position)
     found = [] if shining else _about_darkness(scene)
     # A shape with a light inside is meant as a room, so a camera inside such a shape causes no warning.
     lit_inside = np.zeros(len(scene.shapes), np.bool_)
@@ -83,10 +83,10 @@ def _about_camera(scene: Scene, around: NDArray[np.intp]) -> list[str]:
             "half of the picture may be that surface. Move it a little."
         ]
     if not sees_anything(scene):
-        lower, upper = scene.bounds
+        camera, (lower, upper) = scene.camera.at(), scene.bounds
         return [
             "The camera sees nothing: no shape is in view. "
-            f"It stands at {coordinates(scene.camera.position)} and looks at {coordinates(scene.camera.target)}; "
+            f"It stands at {coordinates(camera.position)} and looks at {coordinates(camera.target)}; "
             f"the scene reaches from {coordinates(lower)} to {coordinates(upper)}."
         ]
     # Two kinds of shapes around the camera may be meant as a room, and cause no warning: a mesh whose backs are not
@@ -147,7 +147,7 @@ def _about_planes(light: Light, scene: Scene) -> list[str]:
     # Signed distances, above 0 on the front side of each plane.
     eye, lamp = (
         np.sum(scene.planes[:, :, 2] * (point - scene.planes[:, :, 3]), axis=1)
-        for point in (scene.camera.position, light.position)
+        for point in (scene.camera.at().position, light.position)
     )
     between = np.flatnonzero(eye * lamp < 0)
     if not len(between):

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneError, UsageError
 from glpath.scene.digest import digest_of
-from glpath.scene.motion import Motion
+from glpath.scene.motion import Motion, moved_plane
 from glpath.scene.stream import Stream
 from glpath.system.arguments import short_repr
 from glpath.system.time_limit import check_time
@@ -260,7 +260,14 @@ class Shape:
 
     def at(self, time: float) -> Shape:
         """Return the shape at a time in seconds, without motion."""
-        return self if self.motion is None else replace(self, world_from_object=self.motion.at(time), motion=None)
+        if self.motion is None:
+            return self
+        if self.geometry == "plane":
+            motion = self.motion.map_at(time)
+            maps = np.array([moved_plane(frame, motion) for frame in self.motion.placed])
+        else:
+            maps = self.motion.at(time)
+        return replace(self, world_from_object=maps, motion=None)
 
 
 _Number = TypeVar("_Number", np.float64, np.int32)

@@ -19,7 +19,7 @@ from glpath.errors import SceneError, UsageError, encodable
 from glpath.film.image import check_exposure
 from glpath.film.units import UNITS, Unit
 from glpath.scene.background import Background
-from glpath.scene.camera import Camera, framing, may_be_framing
+from glpath.scene.camera import Camera, framing, may_be_framing, with_changes
 from glpath.scene.camera_check import check_camera
 from glpath.scene.digest import digest_of
 from glpath.scene.geometry import (
@@ -422,7 +422,7 @@ class Scene:
 
         camera  : new camera; None: the scene's own camera
         changes : new values of `Camera` fields by name. A new position, target or up removes the camera's motion,
-                  because motion would override it
+                  because motion would override it. The other two are then those at which the shutter opens
 
         A camera that was created for a file without one shows the whole scene. If the resolution or `up` changes,
         that camera is fitted to the scene again. A studio light that substitutes for missing light is then rotated
@@ -434,9 +434,7 @@ class Scene:
         for name in changes:
             if name not in known:
                 raise UsageError(f"camera: no field is named {short_repr(name)}; allowed are {', '.join(known)}")
-        if changes.keys() & {"position", "target", "up"}:
-            changes = {"motion": ()} | changes
-        seen: Camera = replace(camera or self.camera, **changes)  # type: ignore[arg-type]
+        seen = with_changes(camera or self.camera, changes)
         scene = self
         may_frame = changes.keys() == {"resolution"} or ("up" in changes and np.any(seen.up))
         if camera is None and may_frame and _is_framed(self):

@@ -96,6 +96,23 @@ def followed_by(world_from_object: Float64, motion: Float64) -> Float64:
     return np.asarray(moved)
 
 
+def moved_plane(frame: Float64, motion: Float64) -> Float64:
+    """Return the frame (3, 4) of a plane after an affine map `motion` (3, 4).
+
+    The columns of a frame are u, v, the unit normal and a point, right-handed. A map that is not rigid changes the
+    lengths of u and v, and the normal remains a unit vector perpendicular to both.
+    """
+    linear = motion[:, :3]
+    u, v, normal, point = np.ascontiguousarray(frame.T)
+    normal = np.linalg.inv(linear).T @ normal
+    normal /= np.linalg.norm(normal)
+    u, v = linear @ u, linear @ v
+    u -= (u @ normal) * normal  # removes rounding errors
+    v_length = np.linalg.norm(v - (v @ u) / (u @ u) * u)
+    v = v_length * np.cross(normal, u / np.linalg.norm(u))
+    return np.column_stack([u, v, normal, linear @ point + motion[:, 3]])
+
+
 def _turn(rotation: Float64) -> Float64:
     """Return the (3,) rotation vector of a rotation (3, 3): its axis, times the angle in radians."""
     skew = 0.5 * np.array(

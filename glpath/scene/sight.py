@@ -270,11 +270,12 @@ def touched_shape(scene: Scene) -> Shape | None:
 
     lower, upper = scene.bounds
     margin = _TOUCHING * float(np.linalg.norm(upper - lower))
-    eye = scene.camera.position
+    camera = scene.camera.at()
+    eye = camera.position
     height = np.abs(np.sum(scene.planes[:, :, 2] * (eye - scene.planes[:, :, 3]), axis=1))
     # If the scene has only planes, its bounds may have no size. The tolerance is then relative to the view's
     # length.
-    view = _TOUCHING * float(np.linalg.norm(scene.camera.target - eye))
+    view = _TOUCHING * float(np.linalg.norm(camera.target - eye))
     if (hits := np.flatnonzero(height <= (margin or view))).size:
         return owner("plane", hits[0])
     about = np.flatnonzero(_near_spheres(scene.spheres, eye, margin))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -552,6 +553,37 @@ def test_the_schema_describes_every_field():
     assert "type" in schema["$defs"]["Phong"]["required"]
     colour = schema["$defs"]["Diffuse"]["properties"]["reflectance"]["anyOf"]
     assert [each.get("maximum", each.get("items", {}).get("maximum")) for each in colour] == [1, 1]
+
+
+def test_the_schema_requires_what_the_loader_requires(tmp_path: Path):
+    tables = scene_schema()["$defs"]
+    path = tmp_path / "ball.toml"
+    path.write_text('[sky]\nzenith = 1\nup = [0, 1, 0]\n[[shapes]]\ntype = "sphere"\nradius = 1\n')
+    with pytest.warns(SceneWarning, match="has no camera"):
+        load_scene(path)
+    assert tables["SceneFile"].get("required", []) == []
+    assert "reflectance" not in tables["Glazing"]["properties"], "test_wrong_panes_are_refused"
+    assert tables["Camera"]["required"] == ["position", "target"]
+
+
+@pytest.mark.parametrize("kind", ["Diffuse", "Phong", "Principled", "Glazing"])
+def test_the_schema_limits_colours_as_the_loader_does(kind: str):
+    fields = scene_schema()["$defs"][kind]["properties"]
+    base = {"transmittance": 0.5} if kind == "Glazing" else {}
+    colours = {name: each["anyOf"][0] for name, each in fields.items() if "anyOf" in each}
+    assert ("transmittance" if kind == "Glazing" else "reflectance") in colours
+    for name, limits in colours.items():
+        for value, allowed in ((-0.5, False), (1.5, "maximum" not in limits)):
+            material = {"type": kind.lower(), **base, name: value}
+            with nullcontext() if allowed else pytest.raises(SceneError, match=name):
+                load_scene(
+                    {
+                        "camera": {"position": [0, 0, 4], "target": [0, 0, 0]},
+                        "materials": {"m": material},
+                        "shapes": [{"type": "sphere", "radius": 1, "material": "m", "emission": {"radiance": 1}}],
+                    }
+                )
+        assert limits["minimum"] == 0
 
 
 def test_a_good_scene_loads_without_a_warning(tmp_path: Path):

@@ -161,6 +161,17 @@ def test_a_scene_of_trimesh_keeps_transforms_instances_colours_and_camera():
     assert (made.camera.resolution, made.camera.fov) == ((40, 30), 47)
 
 
+@pytest.mark.parametrize("fov", [(60, 60), (60, 45), (20, 90)])
+def test_a_camera_of_trimesh_keeps_both_fields_of_view(fov: tuple[float, float]):
+    camera = trimesh.scene.Camera(resolution=(640, 480), fov=fov)
+    world = trimesh.Scene(trimesh.creation.box(), camera=camera, camera_transform=np.eye(4))
+    with pytest.warns(SceneWarning, match="has no light"):
+        made = load_scene(world).camera
+    (fx, _, cx), (_, fy, cy), _ = camera.K
+    assert made.focal_lengths == pytest.approx((fx, fy))
+    assert made.centre == pytest.approx((cx, cy))
+
+
 def test_instances_in_a_scene_of_trimesh_are_instances_here():
     world = trimesh.Scene(trimesh.creation.icosphere(subdivisions=3))
     (name,) = world.geometry

@@ -94,6 +94,20 @@ def test_the_texture_of_a_plane_scales_with_it_and_keeps_its_right_angles():
     assert gram[2, 2] == pytest.approx(1)
 
 
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize("steps", [[{"scale": 2}], [{"scale": [1, 3, 1]}], [{"scale": [2, 0.5, 3]}, TURN]])
+def test_a_motion_moves_a_plane_as_a_transform_does(steps: list[dict[str, Any]], flip: bool):
+    fields = {"normal": [0, 1, 1], "point": [1, 2, 3], "u": [1, 0.2, -0.2], "flip_normals": flip}
+    expected = plane(**fields, transform=steps)
+    assert np.allclose(plane(**fields, motion=[{"time": 0, "transform": steps}]), expected)
+    still = scene(BALL)
+    added = still.add({"type": "plane", **fields, "motion": [{"time": 0, "transform": steps}]})
+    assert np.allclose(added.planes[0], expected)
+    keys = [{"time": time, "transform": [{"scale": [1, size, 1]}]} for time, size in ((0, 1), (1, 5))]
+    moving = scene({"type": "plane", **fields, "motion": keys}, BALL)
+    assert np.allclose(moving.at(0.5).planes[0], plane(**fields, transform=[{"scale": [1, 3, 1]}]))
+
+
 def test_flipped_normals_turn_a_plane_over():
     up, down = plane(point=[0, 2, 0]), plane(point=[0, 2, 0], flip_normals=True)
     assert np.allclose(down[:, 2], -up[:, 2])

@@ -87,6 +87,9 @@ def test_what_stands_free_under_a_sky_is_path_traced_without_a_solution(camera: 
     walls = {**FLOOR, "corners": [[-2, 3, -2], [2, 3, -2], [2, 0, -2], [-2, 0, -2]], "name": "wall"}
     seen = scene(FLOOR, walls, sky={"zenith": 1.0}, camera={"position": camera, "target": [0, 1, -1], "fov": 45})
     assert isinstance(of(seen), PathSettings) == free
+    moving = {"position": [0, 2, 6] if not free else [0, 1, 0], "motion": [{"time": 0, "position": camera}]}
+    seen = scene(FLOOR, walls, sky={"zenith": 1.0}, camera={**moving, "target": [0, 1, -1]})
+    assert isinstance(of(seen), PathSettings) == free
     lit = scene(FLOOR, LAMP, sky={"zenith": 1.0})
     assert isinstance(of(lit), GatherSettings)
 

@@ -24,6 +24,7 @@ import glpath
 from glpath.cli import render as render_cli
 from glpath.cli.main import app
 from glpath.cli.run_request import OF_DAYLIGHT, OF_FILMS, OF_MATRICES, OF_RENDERS, OF_SOLVERS
+from glpath.cli.scene import seen
 from glpath.cli.signals import signals_wait_for_results
 from glpath.cli.typed import as_typed
 from glpath.integrators.by_name import INTEGRATORS, IntegratorKeywords
@@ -37,6 +38,7 @@ from glpath.rendering.options import annotation_of, checked, options, settings_o
 from glpath.rendering.points import lit
 from glpath.rendering.run_options import RunKeywords, RunOptions
 from glpath.scene.geometry import vector
+from glpath.sensors.sensor import CameraSensor
 
 BOX = "cornell-box-36"
 
@@ -461,6 +463,72 @@ def test_a_camera_looks_at_a_shape_by_its_name() -> None:
         assert np.allclose(camera.frame(), scene.camera.frame()), "it does not turn"
     camera = with_overrides(scene, None, {"look_at": "red ball", "position": [1, 2, 3]}).camera
     assert (camera.position.tolist(), camera.target.tolist()) == ([1, 2, 3], [-4, 1, 0])
+
+
+def test_an_override_of_a_moving_camera_starts_where_it_is_when_the_shutter_opens() -> None:
+    keys = [{"time": 0, "position": [0, 0, 10]}, {"time": 1, "position": [0, 0, 20], "target": [2, 0, 0]}]
+    moving, still = (
+        glpath.load_scene({**TWO_BALLS, "camera": {**TWO_BALLS["camera"], **fields}})
+        for fields in (
+            {"motion": keys, "shutter": [0.5, 1]},
+            {"position": [0, 0, 15], "target": [1, 0, 0], "shutter": [0.5, 1]},
+        )
+    )
+    for changes in ({"target": [1, 1, 0]}, {"up": [1, 1, 0]}, {"look_at": "red ball"}):
+        found, expected = (CameraSensor.of(with_overrides(each, None, changes).camera) for each in (moving, still))
+        assert found == expected
+        assert found.shutter == (0.5, 1.0), "what moves is blurred"
+    found = with_overrides(moving, None, {"up": [1, 1, 0], "shutter": [0, 1]}).camera
+    assert found.position.tolist() == [0, 0, 10]
+
+
+_PARALLEL = {"type": "orthographic", "height": 2}
+
+
+@pytest.mark.parametrize(
+    ("before", "changes", "field"),
+    [
+        ({}, {"height": 8}, "height"),
+        ({}, {"type": "orthographic"}, "height"),
+        ({}, {"type": "orthographic", "look_at": "red ball", "position": [1, 2, 3]}, "height"),
+        ({}, {**_PARALLEL, "fov": 20}, "fov"),
+        ({}, {**_PARALLEL, "focus_distance": 2}, "focus_distance"),
+        ({}, {"type": "panorama", "fov": 20}, "fov"),
+        ({}, {"type": "panorama", "height": 3}, "height"),
+        ({}, {"type": "panorama", "focus_distance": 2}, "focus_distance"),
+        (_PARALLEL, {"fov": 20}, "fov"),
+        ({}, {"fov": 20, "focus_distance": 2}, None),
+        ({}, _PARALLEL, None),
+        ({}, {"type": "orthographic", "look_at": "red ball"}, None),
+        (_PARALLEL, {"type": "orthographic", "up": [1, 0, 0]}, None),
+        (_PARALLEL, {"height": 3}, None),
+        (_PARALLEL, {"type": "perspective"}, None),
+        ({"aperture_radius": 0.1}, {"type": "panorama", "aperture_radius": 0}, None),
+    ],
+)
+def test_an_override_takes_the_fields_that_a_scene_file_takes(
+    before: dict[str, Any], changes: dict[str, Any], field: str | None
+) -> None:
+    view = {"position": [0, 0, 9], "target": [0, 0, 0]}
+    scene = glpath.load_scene({**TWO_BALLS, "camera": {**view, **before}})
+    if field is None:
+        with_overrides(scene, None, changes)
+        return
+    with pytest.raises(glpath.SceneError, match=rf"camera\.{field} is "):
+        with_overrides(scene, None, changes)
+    named = {name: value for name, value in changes.items() if name != "look_at"}
+    with pytest.raises(glpath.SceneError, match=field):
+        glpath.load_scene({**TWO_BALLS, "camera": {**view, **before, **named}})
+
+
+def test_options_of_the_camera_are_named_where_its_type_has_none() -> None:
+    scene = glpath.load_scene(TWO_BALLS)
+    for changes, message in (
+        ({"height": 8.0}, "^--camera-height is given, but a camera of type perspective has none"),
+        ({"type": "orthographic"}, r"^--camera-height is missing(?s:.*)For example --camera-height 2\."),
+    ):
+        with pytest.raises(glpath.UsageError, match=message):
+            seen(scene, None, changes)
 
 
 @pytest.mark.parametrize(

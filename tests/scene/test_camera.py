@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -90,6 +91,16 @@ def test_a_turned_camera_goes_around_its_target_at_its_height_and_distance(up: t
     assert quarter.position == pytest.approx([0.0, 0.5, -1.0]), "counter-clockwise seen from above"
 
 
+def test_a_moving_camera_is_turned_from_where_it_is_when_the_shutter_opens() -> None:
+    up, target = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    keys = tuple(CameraKey(t, np.array([1.0, 0.0, z]), target, up) for t, z in ((0.0, 8.0), (1.0, 10.0)))
+    moving = Camera(np.array([0.0, 3.0, 4.0]), np.zeros(3), up, 40.0, (8, 6), shutter=(0.5, 2.0), motion=keys)
+    still = Camera(np.array([1.0, 0.0, 9.0]), target, up, 40.0, (8, 6), shutter=(0.5, 2.0))
+    for here, there in zip(moving.turntable(3), still.turntable(3), strict=True):
+        assert (here.position.tolist(), here.target.tolist()) == (there.position.tolist(), there.target.tolist())
+        assert (here.shutter, here.motion) == ((0.5, 2.0), ())
+
+
 @pytest.mark.parametrize("resolution", [(40, 30), (7, 64)])
 @pytest.mark.parametrize("projection", ["orthographic", "panorama"])
 def test_every_projection_projects_to_where_a_ray_came_from(
@@ -173,6 +184,46 @@ def test_what_a_camera_cannot_be_is_said() -> None:
     keys[1] = replace(keys[1], time=2.0, target=np.zeros(3))
     with pytest.raises(SceneError, match=r"motion\[1\].target is the same point"):
         check_camera(replace(camera, motion=tuple(keys)), "room")
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "up", "time"),
+    [
+        ((-4, 4, 0), (4, 4, 0), (0, 1, 0), 2.0),
+        ((-1, 2, 1), (3, 4, -3), (0, 1, 0), 1.5),
+        ((1, 1, 3), (1, 1, -7), (0, 1, 0), None),
+        ((0, 0, 3), (0, 0, -7), (0, 1, 0), 1.6),
+        ((1e-3, 0, 3), (1e-3, 0, -7), (0, 1, 0), None),
+        ((-4, 4, 1e-3), (4, 4, 1e-3), (0, 1, 0), None),
+    ],
+    ids=["over", "aside", "past", "through", "beside", "nearly"],
+)
+def test_a_camera_that_has_no_view_between_two_keys_is_refused(
+    first: tuple[float, ...], last: tuple[float, ...], up: tuple[float, ...], time: float | None
+) -> None:
+    """The way from 1 s to 3 s meets the axis `up` through the target at `time`: intercept theorem."""
+    poses = ((0.0, first), (1.0, first), (3.0, last))
+    for turn in (np.eye(3), np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]):
+        keys = tuple(CameraKey(t, turn @ each, np.zeros(3), turn @ up) for t, each in poses)
+        camera = Camera(keys[0].position, np.zeros(3), turn @ up, 40.0, (8, 6), motion=keys)
+        if time is None:
+            check_camera(camera, "room")
+            continue
+        message = rf"camera\.motion\[2\] is reached from camera\.motion\[1\] .* at time {time} "
+        with pytest.raises(SceneError, match=message.replace(".0 ", " ")):
+            check_camera(camera, "room")
+
+
+def test_an_up_vector_that_turns_into_the_view_is_refused() -> None:
+    """Half way from x to -x + 2 z, up is z, along the view."""
+    for last, is_lost in (((-1.0, 0.0, 2.0), True), ((0.0, 1.0, 2.0), False), ((-1.0, 0.2, 2.0), False)):
+        ups = np.array([[1.0, 0.0, 0.0], last])
+        keys = tuple(CameraKey(float(t), np.zeros(3), np.array([0, 0, 5.0]), up) for t, up in enumerate(ups))
+        camera = Camera(np.zeros(3), np.array([0, 0, 5.0]), ups[0], 40.0, (8, 6), motion=keys)
+        with np.errstate(invalid="ignore"):
+            assert np.isnan(camera.at(0.5).frame()[0]).all() == is_lost
+        with pytest.raises(SceneError, match=r"at time 0\.5 ") if is_lost else nullcontext():
+            check_camera(camera, "room")
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from glpath.cli import scenes
 from glpath.errors import SceneError
 from glpath.io import load_scene, scene_from_dict
-from glpath.scene import Camera, Scene, check, check_camera, check_scene, model, path_traceable, sight
+from glpath.scene import Camera, CameraKey, Scene, check, check_camera, check_scene, model, path_traceable, sight
 from glpath.scene.sight import sees_anything, sees_triangles
 
 CAMERA = Camera(np.array([0.0, 0, 5]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (64, 48))
@@ -49,6 +49,13 @@ def test_a_camera_that_sees_nothing_is_warned_of():
     (warning,) = check_scene(scene().with_camera(target=np.array([0.0, 0, 10])))
     assert "sees nothing" in warning
     assert "[0, 0, 5]" in warning
+
+
+def test_a_camera_is_checked_where_it_is_when_the_shutter_opens():
+    for base, key in (([0, 0, 0.5], [0, 0, 5]), ([0, 0, 5], [0, 0, 0.5]), ([0, 0, 5], [0, 0, 1])):
+        keys = (CameraKey(0.0, np.array(key, float), np.zeros(3), CAMERA.up),)
+        moving = replace(scene(), camera=replace(CAMERA, position=base, motion=keys))
+        assert check_scene(moving) == check_scene(replace(scene(), camera=replace(CAMERA, position=key)))
 
 
 def test_a_camera_on_a_surface_is_warned_of():

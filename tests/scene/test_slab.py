@@ -147,6 +147,7 @@ def test_gltf_panes_keep_their_formula() -> None:
         ({"transmittance": 0}, "above 0"),
         ({}, "transmittance"),
         ({"transmittance": 0.5, "reflectance": 0.1}, "is of glazing, which reflects by its index"),
+        ({"transmittance": 0.5, "two_sided": False}, "two_sided.* is false of glazing, which lets light through"),
         ({"transmittance": 0.5, "ior": 1.0}, "ior"),
         ({"transmittance": 0.5, "culled": True, "two_sided": False}, "culled"),
     ],

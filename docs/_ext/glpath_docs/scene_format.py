@@ -76,7 +76,7 @@ def kind(value: Mapping[str, Any]) -> str:
     if "enum" in value:
         return ", ".join(code(f'"{each}"') for each in value["enum"])
     if "const" in value:
-        return code(f'"{value["const"]}"')
+        return code(json.dumps(value["const"]))
     if "anyOf" in value:
         return " or ".join(dict.fromkeys(kind(each) for each in value["anyOf"]))
     if value.get("type") == "array":

@@ -35,7 +35,11 @@ class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):
         | UnsetType
     ) = UNSET
     camera: Annotated[
-        AnyCamera, Meta(description="The camera: perspective (a pinhole or a lens), orthographic or panorama.")
+        AnyCamera,
+        Meta(
+            description="The camera: perspective (a pinhole or a lens), orthographic or panorama. Without it, the "
+            "whole scene is in view."
+        ),
     ]
     film: Annotated[Film, Meta(description="The picture: resolution, exposure.")] = msgspec.field(
         default_factory=Film
@@ -71,9 +75,10 @@ def scene_schema() -> dict[str, Any]:
         ("Phong", "mirror", share),
         ("Principled", "reflectance", share),
         ("Principled", "specular_color", positive),
-        ("Glazing", "reflectance", share),
         ("Glazing", "transmittance", share),
         ("Principled", "attenuation", positive),
+        ("Principled", "diffuse_transmission_color", share),
+        ("Principled", "sheen", share),
         ("Emission", "radiance", positive),
         ("Emission", "flux", positive),
         ("PointLight", "intensity", positive),
@@ -92,6 +97,12 @@ def scene_schema() -> dict[str, Any]:
         defined[table]["properties"]["scale"]["anyOf"] = _number_or_list(2, {"exclusiveMinimum": 0})
     angle = {"type": "number", "minimum": 0, "maximum": 180}
     defined["SpotLight"]["properties"]["cone"]["prefixItems"] = [angle] * 2
+    # Fields of all materials that glazing cannot have, or with one value only.
+    glazing = defined["Glazing"]["properties"]
+    del glazing["reflectance"]
+    glazing["two_sided"]["const"], glazing["culled"]["const"] = True, False
+    # The reader of scene files adds a missing camera before msgspec decodes them.
+    del defined["SceneFile"]["required"]
     for has_a_default_type in ("Camera", "Diffuse"):
         defined[has_a_default_type]["required"].remove("type")
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "glpath scene"}
