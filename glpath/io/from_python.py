@@ -17,12 +17,13 @@ import numpy as np
 
 from glpath.errors import UsageError, warn
 from glpath.film.units import conversion
+from glpath.io.build import Supplied
 from glpath.io.completed import completed, is_aside
 from glpath.io.from_trimesh import Surfaces, lights
 from glpath.io.gltf.surfaces import Surface
 from glpath.io.load import scene_of
 from glpath.io.meshes import mesh_of_trimesh
-from glpath.scene.model import Light, Mesh, Scene, Shapes, Texture, moved_textures, shapes_are_built_by
+from glpath.scene.model import Light, Mesh, Scene, Shapes, moved_textures, shapes_are_built_by
 from glpath.scene.source_location import PythonLocation, SourceLocation, shown
 from glpath.system.arguments import plain_dictionary, short_repr
 from glpath.system.suggestions import listed_names
@@ -69,25 +70,28 @@ def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fi
             "Name one of them, or describe a new one: material={'reflectance': [0.8, 0.2, 0.2]}.",
         )
     data: dict[str, Any] = {"camera": _NO_CAMERA, "shapes": [table], "unit": scene.unit}
-    if isinstance(material, Mapping):
+    supplied = Supplied(camera=scene.camera)
+    if isinstance(material, str):
+        table["material"] = material
+        supplied = replace(supplied, materials={0: scene.materials[names.index(material)]}, textures=scene.textures)
+    elif isinstance(material, Mapping):
         data["materials"] = {"new": material}
         table["material"] = "new"
-    part = _scene_with_looks(data, PythonLocation("shape"), Path(), "shape")
+    part = _scene_with_looks(data, PythonLocation("shape"), Path(), "shape", supplied)
     (new,) = part.shapes
-    if new.motion is not None:
-        new = replace(new, world_from_object=new.motion.at(scene.camera.shutter[0]))
     name = new.name if "name" in table else f"{new.kind}-{len(scene.shapes)}"
     if isinstance(material, str):
-        number, materials = names.index(material), scene.materials
+        number, materials, textures = names.index(material), scene.materials, scene.textures
     else:
         number = len(scene.materials)
         moved = moved_textures(part.materials[new.material], len(scene.textures))
         materials = (*scene.materials, replace(moved, name=f"{name}"))
+        textures = (*scene.textures, *part.textures)
     return replace(
         scene,
         shapes=Shapes((*scene.shapes, replace(new, name=name, material=number))),
         materials=materials,
-        textures=(*scene.textures, *part.textures),
+        textures=textures,
     )
 
 
@@ -140,8 +144,17 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
     return data
 
 
-def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder: Path, name: str) -> Scene:
-    """Return the scene of a dictionary. trimesh meshes keep their own materials if their shapes name none."""
+def _scene_with_looks(
+    data: Mapping[str, Any],
+    location: SourceLocation,
+    folder: Path,
+    name: str,
+    supplied: Supplied | None = None,
+) -> Scene:
+    """Return the scene of a dictionary. trimesh meshes keep their own materials if their shapes name none.
+
+    supplied : materials and camera that replace those of the dictionary
+    """
     shapes = data.get("shapes", [])
     if not isinstance(shapes, list | tuple):
         return scene_of(data, location, folder, name)
@@ -161,45 +174,23 @@ def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder:
             if surface is not None:
                 looks[index] = surface
         tables.append(table)
-    scene = scene_of({**data, "shapes": tables}, location, folder, name)
+    if looks:
+        own = {index: surface.material for index, surface in looks.items()}
+        supplied = replace(supplied or Supplied(), materials=own, textures=surfaces.textures)
+    scene = scene_of({**data, "shapes": tables}, location, folder, name, supplied=supplied)
     sky = data.get("sky")
     has_map = is_aside("sky") or (isinstance(sky, Mapping) and "file" in sky and "unit" not in sky)
     # Emission of 1 is as bright as a value of 1 in an environment map without a unit, as for glTF assets.
     factor = 1.0 if has_map and "unit" not in data else conversion("photometric", scene.unit)
-    return _with_looks(scene, looks, surfaces.textures, factor)
-
-
-def _with_looks(
-    scene: Scene, looks: Mapping[int, Surface], textures: Sequence[Texture], emission_factor: float
-) -> Scene:
-    """Return the scene with the materials and the emission of `looks`.
-
-    looks           : surface by index of its shape
-    textures        : textures of these surfaces, which are appended to those of the scene
-    emission_factor : factor that converts the emission of these surfaces to the unit of the scene
-    """
-    if not looks:
+    lamps = {
+        index: (factor * surface.emission, surface.material.two_sided)
+        for index, surface in looks.items()
+        if surface.emission.any() and not scene.shapes[index].emits
+    }
+    if not lamps:
         return scene
-    given = list(dict.fromkeys(map(id, looks.values())))
-    by_id = {id(surface): surface for surface in looks.values()}
-    materials = [moved_textures(by_id[each].material, len(scene.textures)) for each in given]
-    used = [shape.material for index, shape in enumerate(scene.shapes) if index not in looks]
-    kept = [index for index, m in enumerate(scene.materials) if m.name != "default" or index in used]
-    number = {old: new for new, old in enumerate(kept)}
-    shapes = []
-    for index, shape in enumerate(scene.shapes):
-        if index not in looks:
-            shapes.append(replace(shape, material=number[shape.material]))
-            continue
-        surface = looks[index]
-        shape = replace(shape, material=len(kept) + given.index(id(surface)))
-        if not shape.emits and surface.emission.any():
-            emission = emission_factor * surface.emission
-            shape = replace(shape, emission=emission, emission_two_sided=surface.material.two_sided)
-        shapes.append(shape)
-    return replace(
-        scene,
-        shapes=Shapes(shapes),
-        materials=(*(scene.materials[index] for index in kept), *materials),
-        textures=(*scene.textures, *textures),
-    )
+    changed = [
+        replace(shape, emission=lamps[index][0], emission_two_sided=lamps[index][1]) if index in lamps else shape
+        for index, shape in enumerate(scene.shapes)
+    ]
+    return replace(scene, shapes=Shapes(changed))

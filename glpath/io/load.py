@@ -24,7 +24,7 @@ import numpy as np
 from msgspec import inspect
 
 from glpath.errors import SceneError
-from glpath.io.build import build
+from glpath.io.build import Supplied, build
 from glpath.io.completed import NO_CAMERA, completed, is_aside
 from glpath.io.convert import convert
 from glpath.io.description import AnyLight, AnyMaterial, AnyShape, SceneFile, Sky
@@ -167,7 +167,12 @@ def scene_from_dict(
 
 
 def scene_of(
-    data: Mapping[str, Any], location: SourceLocation, folder: Path, name: str, later: float = 0.0
+    data: Mapping[str, Any],
+    location: SourceLocation,
+    folder: Path,
+    name: str,
+    later: float = 0.0,
+    supplied: Supplied | None = None,
 ) -> Scene:
     """Return the scene that a dictionary of the scene format describes. Raises SceneError.
 
@@ -175,6 +180,7 @@ def scene_of(
     folder   : base folder of relative paths
     name     : name of the scene if `data` does not set one
     later    : seconds that are added to the shutter times
+    supplied : materials and camera that replace those of the dictionary
     """
     data, meshes = _without_meshes(data, location)
     try:
@@ -192,7 +198,7 @@ def scene_of(
         raise _explained(error, SceneFile, plain, location) from error
     opened, closed = file.camera.shutter
     file.camera.shutter = (opened + later, closed + later)
-    return build(file, location, folder, name, meshes)
+    return build(file, location, folder, name, meshes, supplied or Supplied())
 
 
 def _without_meshes(

@@ -231,6 +231,75 @@ def test_a_scene_grows_shape_by_shape():
         box.add({"type": "sphere", "radius": "big"})
 
 
+MATERIALS = {
+    "veil": {"reflectance": 0.5, "alpha": "blend", "opacity": 0.25},
+    "brushed": {"type": "principled", "metallic": 1, "anisotropy": 0.8},
+    "tiles": {"texture": "checker"},
+    "shining": {"emission_texture": "checker"},
+    "clear": {"alpha": "blend", "opacity": 0},
+}
+FLUX_LAMP = {"type": "sphere", "radius": 1, "emission": {"flux": 10}}
+TRIANGLE = {"type": "mesh", "vertices": VERTICES[:3].tolist(), "faces": [[0, 1, 2]]}
+NET = [[[x, y, 0] for x in range(4)] for y in range(4)]
+
+
+def _around(*shapes: dict[str, Any]) -> dict[str, Any]:
+    ground = {"type": "box", "min": [-9, -9, -9], "max": [9, -8, 9]}
+    return {
+        "camera": {"position": [0, 0, 90], "target": [0, 0, 0]},
+        "ambient": 1,
+        "textures": {"checker": {"type": "checker"}},
+        "materials": MATERIALS,
+        "shapes": [ground, *shapes],
+    }
+
+
+@pytest.mark.parametrize(
+    ("shape", "material"),
+    [
+        (FLUX_LAMP, "veil"),
+        (TRIANGLE, "brushed"),
+        (TRIANGLE, "tiles"),
+        ({"type": "patches", "net": NET, "pixels": 2}, "veil"),
+    ],
+)
+def test_an_added_shape_is_the_one_of_the_scenes_dictionary(shape: dict[str, Any], material: str):
+    expected = load_scene(_around({**shape, "material": material}))
+    assert load_scene(_around()).add(shape, material=material).digest() == expected.digest()
+
+
+class _Stream:
+    def __len__(self) -> int:
+        return 1
+
+    def chunk(self, index: int) -> Any:
+        return VERTICES[None, :3]
+
+
+@pytest.mark.parametrize(
+    ("shape", "material", "told"),
+    [
+        (FLUX_LAMP, "shining", "a material with an emission_texture"),
+        (FLUX_LAMP, "clear", "whose opacity is 0"),
+        ({"stream": _Stream()}, "tiles", "triangles have no texture coordinates"),
+        ({"stream": _Stream()}, "veil", "lets light through"),
+    ],
+)
+def test_an_added_shape_is_refused_as_in_the_scenes_dictionary(shape: dict[str, Any], material: str, told: str):
+    with pytest.raises(SceneError, match=told):
+        load_scene(_around({**shape, "material": material}))
+    with pytest.raises(SceneError, match=told):
+        load_scene(_around()).add(shape, material=material)
+
+
+def test_flux_of_a_transparent_trimesh_is_divided_by_its_opacity():
+    box = trimesh.creation.box()
+    look = trimesh.visual.material.PBRMaterial(baseColorFactor=[255, 255, 255, 64], alphaMode="BLEND")
+    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), material=look)
+    made = load_scene({"camera": CAMERA, "shapes": [{"mesh": box, "emission": {"flux": 10}}]})
+    assert made.shapes[0].emission == pytest.approx([10 / (np.pi * 6 * 64 / 255)] * 3)
+
+
 def test_everything_that_takes_a_scene_takes_these():
     data = {"camera": CAMERA, "film": {"resolution": [8, 6]}, "shapes": [{"mesh": trimesh.creation.box()}, LAMP]}
     assert glpath.render(data, spp=1).mean.shape == (6, 8, 3)
