@@ -21,9 +21,9 @@ from glpath.io.build import Supplied
 from glpath.io.completed import completed, is_aside
 from glpath.io.from_trimesh import Surfaces, lights
 from glpath.io.gltf.surfaces import Surface
-from glpath.io.load import scene_of
+from glpath.io.load import check_no_camera_is_needed, scene_of, up_without_camera
 from glpath.io.meshes import mesh_of_trimesh
-from glpath.scene.model import Light, Mesh, Scene, Shapes, moved_textures, shapes_are_built_by
+from glpath.scene.model import Mesh, Scene, Shapes, moved_textures, shapes_are_built_by
 from glpath.scene.source_location import PythonLocation, SourceLocation, shown
 from glpath.system.arguments import plain_dictionary, short_repr
 from glpath.system.suggestions import listed_names
@@ -46,13 +46,20 @@ def is_made_in_python(scene: object) -> bool:
 def scene_from_python(scene: Any) -> Scene:
     """Return the scene of a dictionary, a `trimesh.Trimesh` or a `trimesh.Scene`; see `load_scene`."""
     if isinstance(scene, Mapping):
-        scene = plain_dictionary("scene", scene)
-    elif _of_trimesh(scene, "Trimesh"):
-        scene = {"shapes": [{"mesh": scene}], "unit": "photometric"}
-    elif _of_trimesh(scene, "Scene"):
-        found, others = lights(scene)
-        return _complete(_dictionary(scene, others), PythonLocation("scene"), Path(), found)
-    return _complete(scene, PythonLocation("scene"), Path())
+        data = plain_dictionary("scene", scene)
+        if "camera" in data:
+            return completed(_with_placeholder(data), has_camera=True)
+        check_no_camera_is_needed(data, PythonLocation("scene"))
+        made = _with_placeholder(data)
+        up, remedy = up_without_camera(data, made), "with_camera(up=[0, 1, 0])"
+        return completed(made, has_camera=False, up=up, up_remedy=remedy)
+    if _of_trimesh(scene, "Trimesh"):
+        made = _with_placeholder({"shapes": [{"mesh": scene}], "unit": "photometric"})
+        return completed(made, has_camera=False)
+    found, others = lights(scene)
+    data = _dictionary(scene, others)
+    made = _with_placeholder(data)
+    return completed(replace(made, lights=(*made.lights, *found)), has_camera="camera" in data)
 
 
 def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Scene:
@@ -98,15 +105,11 @@ def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fi
 shapes_are_built_by(added)
 
 
-def _complete(
-    data: Mapping[str, Any], location: SourceLocation, folder: Path, lights: Sequence[Light] = ()
-) -> Scene:
-    """Return the scene of a dictionary with a camera and light. Warns of each part that had to be added."""
-    scene = _scene_with_looks(
-        {"camera": _NO_CAMERA, **data}, location, folder, str(data.get("name", location.source))
-    )
-    scene = replace(scene, lights=(*scene.lights, *lights))
-    return completed(scene, has_camera="camera" in data)
+def _with_placeholder(data: Mapping[str, Any]) -> Scene:
+    """Return the scene of a dictionary, with a placeholder for a missing camera."""
+    location = PythonLocation("scene")
+    name = str(data.get("name", location.source))
+    return _scene_with_looks({"camera": _NO_CAMERA, **data}, location, Path(), name)
 
 
 # --- trimesh ---
