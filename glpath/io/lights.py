@@ -240,6 +240,10 @@ def emission(
     """
     if isinstance(given, UnsetType):
         return shape
+    if given.two_sided and material.culled:
+        raise location.field("two_sided").error(
+            "is true of a shape whose material is culled, so that it has no back.", "Leave one of them away."
+        )
     factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
     if isinstance(given.flux, UnsetType) == isinstance(given.radiance, UnsetType):
         has = "lacks the field `radiance`" if isinstance(given.flux, UnsetType) else "has radiance and flux"

@@ -326,6 +326,13 @@ def test_the_flux_of_a_lamp_with_holes_is_refused(fields: dict[str, Any], words:
         glpath.load_scene(scene(shapes=[ball], materials={"lamp": fields}, textures={"leaf": leaf}))
 
 
+@pytest.mark.parametrize("amount", ["flux", "radiance"])
+def test_a_lamp_without_a_back_cannot_emit_from_it(amount: str) -> None:
+    ball = {"type": "sphere", "radius": 1, "material": "lamp", "emission": {amount: 100, "two_sided": True}}
+    with pytest.raises(SceneError, match=r"emission\W+two_sided.* has no back"):
+        glpath.load_scene(scene(shapes=[ball], materials={"lamp": {"two_sided": False, "culled": True}}))
+
+
 def test_the_flux_of_a_lamp_whose_mask_is_closed_everywhere_is_accepted(tmp_path: Path) -> None:
     """Each alpha is above the cutoff, 0.5. A sphere of radius 1 has the area 4 pi."""
     iio.imwrite(tmp_path / "leaf.png", np.array([[[9, 9, 9, 255], [9, 9, 9, 160]]], np.uint8))
