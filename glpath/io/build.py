@@ -186,6 +186,7 @@ def build(
         exposure=None if isinstance(file.film.exposure, UnsetType) else float(file.film.exposure),
         unit=scene_unit,
         portals=lights.portals(file.sky, location.field("sky")),
+        animation_times=camera.shutter if assets.animated else None,
     )
 
 

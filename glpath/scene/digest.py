@@ -17,7 +17,7 @@ from glpath.system.time_limit import check_time
 
 #: Fields that do not change the image, by dataclass name.
 UNSEEN = {
-    "Scene": {"name", "source", "exposure", "unit", "centred_by"},
+    "Scene": {"name", "source", "exposure", "unit", "centred_by", "animation_times"},
     "Shape": {"name", "kind", "maintenance_factor"},
     "Material": {"name"},
     "Texture": {"name"},
