@@ -429,9 +429,9 @@ class Scene:
         first, last = self.animation_times
         if opened < first or closed > last:
             warn(
-                f"{self.source or self.name}: animations of glTF models were read from {first:g} to {last:g} s. They "
-                f"stand still before and after, but the shutter is now {opened:g} to {closed:g} s. Set it in the "
-                "scene file, or by the parameters time and shutter of a glTF file."
+                f"{self.source or self.name}: animations of glTF models were read from {first:g} to {last:g} s. "
+                f"They stand still before and after, but the shutter is now {opened:g} to {closed:g} s. Set it in "
+                "the scene file, or by the parameters time and shutter of a glTF file."
             )
 
     def with_camera(self, camera: Camera | None = None, **changes: object) -> Scene:

@@ -164,7 +164,7 @@ def test_an_asset_is_shown_at_a_time(tmp_path: Path) -> None:
 
 
 def _sliding_triangle(folder: Path) -> Path:
-    """Write a glTF file of a triangle that slides along x, one unit a second, and return a scene file that shows it."""
+    """Return a scene file that shows the animation of a triangle, which slides along x by one unit a second."""
     file = Gltf()
     file.one_triangle(doubleSided=True)
     sampler = {"input": file.accessor([0.0, 9.0]), "output": file.accessor([[0, 0, 0], [9, 0, 0]])}
