@@ -33,7 +33,7 @@ LATER = {
         *("projection", "height", "aperture_radius", "focus_distance", "shutter", "motion"),
         *("principal_point", "pixel_aspect"),
     },
-    "Shape": {"motion"},
+    "Shape": {"motion", "keeps_flux"},
     "Scene": {"portals", "background"},
     "Material": {"slab", "distribution", "layering", "metal_index"},
 }

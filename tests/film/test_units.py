@@ -16,6 +16,7 @@ from glpath.cli.main import app
 from glpath.errors import SceneError, UsageError
 from glpath.film.units import EFFICACY
 from glpath.scene.appearance import Appearance
+from glpath.scene.triangulate import path_traceable
 from tests.support.gltf_files import Gltf
 from tests.support.photometry import ies
 
@@ -287,6 +288,18 @@ def test_the_flux_of_an_ellipsoid_is_by_its_exact_surface() -> None:
     assert 1 / (np.pi * loaded.shapes[1].emission[0]) == pytest.approx(
         2 * np.pi * (1 + 2 / e * np.arcsin(e)), rel=1e-6
     )
+
+
+@pytest.mark.parametrize("scale", [[1, 1, 1], [1, 1, 2], [-1, 3, 1]])
+@pytest.mark.parametrize("subdivisions", [0, 1, 4])
+def test_triangles_of_a_sphere_have_its_flux_or_its_radiance(subdivisions: int, scale: list[float]) -> None:
+    """One side of the area A with the radiance L sends pi A L."""
+    ball = {"type": "sphere", "radius": 0.5, "subdivisions": subdivisions, "transform": [{"scale": scale}]}
+    lamps = [{**ball, "emission": {"flux": 1000}}, {**ball, "emission": {"radiance": 7}}]
+    traced = path_traceable(glpath.load_scene(scene(shapes=lamps)))
+    flux = np.pi * traced.areas[traced.triangle_shape == 0].sum() * traced.shapes[0].emission
+    np.testing.assert_allclose(flux, 1000, rtol=1e-6)
+    assert traced.shapes[1].emission.tolist() == [7, 7, 7]
 
 
 @pytest.mark.parametrize(
