@@ -144,7 +144,7 @@ def _distance_to_path(points: Float64, camera: Camera) -> Float64:
     found = np.full(points.shape[:-1], np.inf)
     for begin, end in pairwise(camera.at(time).position for time in times):
         step = end - begin
-        share = np.clip((points - begin) @ step / max(step @ step, 1e-300), 0.0, 1.0)
+        share = np.clip((points - begin) @ step / max(float(step @ step), 1e-300), 0.0, 1.0)
         found = np.minimum(found, np.linalg.norm(points - (begin + share[..., None] * step), axis=-1))
     return found
 
