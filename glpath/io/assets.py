@@ -50,6 +50,7 @@ class Assets:
     unit        : unit of light in the scene
     beside_map  : True if the scene has no unit, and an environment map without a unit. Photometric numbers of a
                   model are then used unchanged, except for assets with a `unit` in the scene file
+    animated    : True if an asset was read at a time of its animation
     photometric : file of the first asset that has photometric light but no `unit` in the scene file; empty if none
     """
 
@@ -61,6 +62,7 @@ class Assets:
     unit: Unit = "radiometric"
     beside_map: bool = False
     photometric: str = ""
+    animated: bool = False
     shapes: list[Shape] = field(default_factory=list)
     lights: list[Light] = field(default_factory=list)
     _read: dict[tuple[Path, float | None], _Read] = field(default_factory=dict)
@@ -148,6 +150,7 @@ class Assets:
             began = None if time is None else time + opened
             model = read_model(path, here, began, closed - opened, self._open_files)
             self._count_decoded(path, here)
+            self.animated |= model.animated
             if not model.shapes:
                 raise here.error(f"names {path}, which has no triangles.", "Export the file with its meshes.")
             lost = ("The environment, because a scene has its own sky.",) if model.sky is not None else ()

@@ -6,8 +6,8 @@ that do not exist, quads that are not planar, boxes turned inside out, and trian
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -27,7 +27,19 @@ from glpath.io.values import LARGEST, SMALLEST, light, unit, unknown
 from glpath.scene import tessellate
 from glpath.scene.camera_check import check_camera
 from glpath.scene.geometry import IDENTITY
-from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes, Stream, placed
+from glpath.scene.model import (
+    Camera,
+    Float64,
+    Material,
+    Mesh,
+    Scene,
+    Shape,
+    Shapes,
+    Stream,
+    Texture,
+    moved_textures,
+    placed,
+)
 from glpath.scene.motion import moved_plane
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import FLAT, with_area
@@ -42,16 +54,36 @@ DEFAULT_MATERIAL = "default"
 _FOV = 40.0
 
 
+@dataclass(frozen=True)
+class Supplied:
+    """Parts of a scene that a caller supplies as objects instead of naming them in the file.
+
+    materials : material by index of the shape in the file, with texture indices into `textures`
+    textures  : textures of these materials, which follow those of the file
+    camera    : camera of the scene; None: the camera of the file
+    """
+
+    materials: Mapping[int, Material] = field(default_factory=dict)
+    textures: Sequence[Texture] = ()
+    camera: Camera | None = None
+
+
 def build(
-    file: SceneFile, location: SourceLocation, folder: Path, name: str, meshes: Mapping[int, Mesh | Chunks]
+    file: SceneFile,
+    location: SourceLocation,
+    folder: Path,
+    name: str,
+    meshes: Mapping[int, Mesh | Chunks],
+    supplied: Supplied,
 ) -> Scene:
     """Return the scene that `file` describes. Raises SceneError. A SceneWarning reports triangles without area.
 
-    folder : base folder of relative paths of meshes and pictures
-    name   : name of the scene if the file does not set one
-    meshes : meshes and streams that are already in memory, by index of the shape in `file.shapes`
+    folder   : base folder of relative paths of meshes and pictures
+    name     : name of the scene if the file does not set one
+    meshes   : meshes and streams that are already in memory, by index of the shape in `file.shapes`
+    supplied : materials and camera that replace those of the file
     """
-    camera = _camera(file)
+    camera = supplied.camera or _camera(file)
     check_camera(camera, location.source)
     scene_unit: Unit = "radiometric" if isinstance(file.unit, UnsetType) else file.unit
     if not (file.shapes or file.assets):
@@ -63,10 +95,14 @@ def build(
         for shape in file.shapes
         if isinstance(shape, description.Patches) and not isinstance(shape.displacement, UnsetType)
     }
-    textures = materials.textures(file.textures, file.materials, location.field("textures"), folder, heights)
-    texture_number = {texture.name: index for index, texture in enumerate(textures)}
-    surfaces = materials.materials(_with_default(file), texture_number, location.field("materials"))
+    of_file = materials.textures(file.textures, file.materials, location.field("textures"), folder, heights)
+    texture_number = {texture.name: index for index, texture in enumerate(of_file)}
+    surfaces = list(materials.materials(_with_default(file, supplied), texture_number, location.field("materials")))
     number = {material.name: index for index, material in enumerate(surfaces)}
+    unique = {id(material): material for material in supplied.materials.values()}
+    supplied_number = {each: len(surfaces) + index for index, each in enumerate(unique)}
+    surfaces += [moved_textures(material, len(of_file)) for material in unique.values()]
+    textures = (*of_file, *supplied.textures)
 
     shapes = []
     known: dict[tuple[object, bool, bool], Mesh] = {}
@@ -76,11 +112,14 @@ def build(
         here = location.field("shapes").item(index)
         kind = str(given.__struct_config__.tag)
         shape_name = f"{kind}-{index}" if isinstance(given.name, UnsetType) else given.name
-        if given.material not in number:
+        if index in supplied.materials:
+            material = supplied_number[id(supplied.materials[index])]
+        elif given.material in number:
+            material = number[given.material]
+        else:
             raise unknown(
                 "material", given.material, list(number), here.field("material"), "reflectance = [r, g, b]"
             )
-        material = number[given.material]
         geometry: Mesh | Stream | Literal["sphere", "plane"]
         subdivisions = 4
         match given:
@@ -92,12 +131,12 @@ def build(
                 matrix = IDENTITY
                 geometry = _stream(given, here, folder, surfaces[material], meshes.get(index))
             case description.Patches(streamed=True):
-                surface = patch_surface(given, here, camera, _world(given, here)[:3], textures)
+                surface = patch_surface(given, here, camera, _world(given, here)[:3], of_file)
                 matrix = IDENTITY
                 geometry = _stream(given, here, folder, surfaces[material], surface)
             case description.Patches():
                 matrix = _world(given, here)[:3]
-                surface = patch_surface(given, here, camera, matrix, textures)
+                surface = patch_surface(given, here, camera, matrix, of_file)
                 patch_triangles += surface.triangle_count
                 mesh = surface.mesh(patch_triangles)
                 geometry = _finished(mesh, False, given.flip_normals != transform.mirrors(matrix))
@@ -123,7 +162,7 @@ def build(
 
     # In practice, environment maps and glTF emission have no physical unit, so 1 counts as equally bright in both.
     beside_map = isinstance(file.unit, UnsetType) and (is_aside("sky") or _has_map(file))
-    assets = Assets(folder, number, list(surfaces), list(textures), camera.shutter, scene_unit, beside_map)
+    assets = Assets(folder, number, surfaces, list(textures), camera.shutter, scene_unit, beside_map)
     assets.add(file.assets, location.field("assets"))
     if isinstance(file.unit, UnsetType) and assets.photometric and _has_light_in_watts(file):
         how = "as radiance of the environment map" if beside_map else "as cd and cd m^-2, 179 lm for a watt"
@@ -148,6 +187,7 @@ def build(
         exposure=None if isinstance(file.film.exposure, UnsetType) else float(file.film.exposure),
         unit=scene_unit,
         portals=lights.portals(file.sky, location.field("sky")),
+        animation_times=camera.shutter if assets.animated else None,
     )
 
 
@@ -187,10 +227,11 @@ def _camera(file: SceneFile) -> Camera:
     return replace(camera, fov=float(given.fov), aperture_radius=given.aperture_radius, focus_distance=focus)
 
 
-def _with_default(file: SceneFile) -> dict[str, AnyMaterial]:
+def _with_default(file: SceneFile, supplied: Supplied) -> dict[str, AnyMaterial]:
     """Return the file's materials, plus the grey default if a shape uses it and the file does not define it."""
     given = dict(file.materials)
-    if any(shape.material == DEFAULT_MATERIAL for shape in file.shapes):
+    named = {shape.material for index, shape in enumerate(file.shapes) if index not in supplied.materials}
+    if DEFAULT_MATERIAL in named:
         given.setdefault(DEFAULT_MATERIAL, description.Diffuse())
     return given
 

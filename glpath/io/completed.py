@@ -86,13 +86,20 @@ def camera_replaced(camera: object) -> AbstractContextManager[None]:
 
 
 def completed(
-    scene: Scene, *, has_camera: bool, glow_is_light: bool = True, up: Up | Float64 = "y", lying: bool = False
+    scene: Scene,
+    *,
+    has_camera: bool,
+    glow_is_light: bool = True,
+    up: Up | Float64 = "y",
+    up_remedy: str = "-D up=y",
+    lying: bool = False,
 ) -> Scene:
     """Return the scene with a camera and light. A SceneWarning names each added part, unless it is `aside`.
 
     has_camera    : False adds a camera inside a room, or else one that frames everything; the resolution is that of
                     the scene's camera
     up            : up axis of an added camera: (3,) vector, name, or "guess"; see `glpath.io.up_axis`
+    up_remedy     : what the caller writes if y is up although the guess is z
     lying         : True if flat objects lie rather than stand, see `evidence_for_z`
     glow_is_light : False if a faint glow only decorates the model and does not light the scene, see `_glows`
     """
@@ -107,7 +114,7 @@ def completed(
         scene = replace(scene, camera=replace(camera, shutter=scene.camera.shutter))
     if not has_camera and not is_aside("camera") and not is_aside("view"):
         c = scene.camera
-        guess = f" with z up (a guess, as {evidence}; -D up=y if y is up)" if evidence else ""
+        guess = f" with z up (a guess, as {evidence}; {up_remedy} if y is up)" if evidence else ""
         where = "that shows everything" if inside is None else "inside, as its walls face inwards"
         notes.append(
             f"no camera, so one was set {where}{guess}: position {shown(c.position.round(3))}, target "

@@ -17,12 +17,13 @@ import numpy as np
 
 from glpath.errors import UsageError, warn
 from glpath.film.units import conversion
+from glpath.io.build import Supplied
 from glpath.io.completed import completed, is_aside
 from glpath.io.from_trimesh import Surfaces, lights
 from glpath.io.gltf.surfaces import Surface
-from glpath.io.load import scene_of
+from glpath.io.load import check_no_camera_is_needed, scene_of, up_without_camera
 from glpath.io.meshes import mesh_of_trimesh
-from glpath.scene.model import Light, Mesh, Scene, Shapes, Texture, moved_textures, shapes_are_built_by
+from glpath.scene.model import Mesh, Scene, Shapes, moved_textures, shapes_are_built_by
 from glpath.scene.source_location import PythonLocation, SourceLocation, shown
 from glpath.system.arguments import plain_dictionary, short_repr
 from glpath.system.suggestions import listed_names
@@ -45,13 +46,20 @@ def is_made_in_python(scene: object) -> bool:
 def scene_from_python(scene: Any) -> Scene:
     """Return the scene of a dictionary, a `trimesh.Trimesh` or a `trimesh.Scene`; see `load_scene`."""
     if isinstance(scene, Mapping):
-        scene = plain_dictionary("scene", scene)
-    elif _of_trimesh(scene, "Trimesh"):
-        scene = {"shapes": [{"mesh": scene}], "unit": "photometric"}
-    elif _of_trimesh(scene, "Scene"):
-        found, others = lights(scene)
-        return _complete(_dictionary(scene, others), PythonLocation("scene"), Path(), found)
-    return _complete(scene, PythonLocation("scene"), Path())
+        data = plain_dictionary("scene", scene)
+        if "camera" in data:
+            return completed(_with_placeholder(data), has_camera=True)
+        check_no_camera_is_needed(data, PythonLocation("scene"))
+        made = _with_placeholder(data)
+        up, remedy = up_without_camera(data, made), "with_camera(up=[0, 1, 0])"
+        return completed(made, has_camera=False, up=up, up_remedy=remedy)
+    if _of_trimesh(scene, "Trimesh"):
+        made = _with_placeholder({"shapes": [{"mesh": scene}], "unit": "photometric"})
+        return completed(made, has_camera=False)
+    found, others = lights(scene)
+    data = _dictionary(scene, others)
+    made = _with_placeholder(data)
+    return completed(replace(made, lights=(*made.lights, *found)), has_camera="camera" in data)
 
 
 def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Scene:
@@ -69,40 +77,39 @@ def added(scene: Scene, shape: Any, material: str | Mapping[str, Any] | None, fi
             "Name one of them, or describe a new one: material={'reflectance': [0.8, 0.2, 0.2]}.",
         )
     data: dict[str, Any] = {"camera": _NO_CAMERA, "shapes": [table], "unit": scene.unit}
-    if isinstance(material, Mapping):
+    supplied = Supplied(camera=scene.camera)
+    if isinstance(material, str):
+        table["material"] = material
+        supplied = replace(supplied, materials={0: scene.materials[names.index(material)]}, textures=scene.textures)
+    elif isinstance(material, Mapping):
         data["materials"] = {"new": material}
         table["material"] = "new"
-    part = _scene_with_looks(data, PythonLocation("shape"), Path(), "shape")
+    part = _scene_with_looks(data, PythonLocation("shape"), Path(), "shape", supplied)
     (new,) = part.shapes
-    if new.motion is not None:
-        new = replace(new, world_from_object=new.at(scene.camera.shutter[0]).world_from_object)
     name = new.name if "name" in table else f"{new.kind}-{len(scene.shapes)}"
     if isinstance(material, str):
-        number, materials = names.index(material), scene.materials
+        number, materials, textures = names.index(material), scene.materials, scene.textures
     else:
         number = len(scene.materials)
         moved = moved_textures(part.materials[new.material], len(scene.textures))
         materials = (*scene.materials, replace(moved, name=f"{name}"))
+        textures = (*scene.textures, *part.textures)
     return replace(
         scene,
         shapes=Shapes((*scene.shapes, replace(new, name=name, material=number))),
         materials=materials,
-        textures=(*scene.textures, *part.textures),
+        textures=textures,
     )
 
 
 shapes_are_built_by(added)
 
 
-def _complete(
-    data: Mapping[str, Any], location: SourceLocation, folder: Path, lights: Sequence[Light] = ()
-) -> Scene:
-    """Return the scene of a dictionary with a camera and light. Warns of each part that had to be added."""
-    scene = _scene_with_looks(
-        {"camera": _NO_CAMERA, **data}, location, folder, str(data.get("name", location.source))
-    )
-    scene = replace(scene, lights=(*scene.lights, *lights))
-    return completed(scene, has_camera="camera" in data)
+def _with_placeholder(data: Mapping[str, Any]) -> Scene:
+    """Return the scene of a dictionary, with a placeholder for a missing camera."""
+    location = PythonLocation("scene")
+    name = str(data.get("name", location.source))
+    return _scene_with_looks({"camera": _NO_CAMERA, **data}, location, Path(), name)
 
 
 # --- trimesh ---
@@ -146,8 +153,17 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
     return data
 
 
-def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder: Path, name: str) -> Scene:
-    """Return the scene of a dictionary. trimesh meshes keep their own materials if their shapes name none."""
+def _scene_with_looks(
+    data: Mapping[str, Any],
+    location: SourceLocation,
+    folder: Path,
+    name: str,
+    supplied: Supplied | None = None,
+) -> Scene:
+    """Return the scene of a dictionary. trimesh meshes keep their own materials if their shapes name none.
+
+    supplied : materials and camera that replace those of the dictionary
+    """
     shapes = data.get("shapes", [])
     if not isinstance(shapes, list | tuple):
         return scene_of(data, location, folder, name)
@@ -167,45 +183,23 @@ def _scene_with_looks(data: Mapping[str, Any], location: SourceLocation, folder:
             if surface is not None:
                 looks[index] = surface
         tables.append(table)
-    scene = scene_of({**data, "shapes": tables}, location, folder, name)
+    if looks:
+        own = {index: surface.material for index, surface in looks.items()}
+        supplied = replace(supplied or Supplied(), materials=own, textures=surfaces.textures)
+    scene = scene_of({**data, "shapes": tables}, location, folder, name, supplied=supplied)
     sky = data.get("sky")
     has_map = is_aside("sky") or (isinstance(sky, Mapping) and "file" in sky and "unit" not in sky)
     # Emission of 1 is as bright as a value of 1 in an environment map without a unit, as for glTF assets.
     factor = 1.0 if has_map and "unit" not in data else conversion("photometric", scene.unit)
-    return _with_looks(scene, looks, surfaces.textures, factor)
-
-
-def _with_looks(
-    scene: Scene, looks: Mapping[int, Surface], textures: Sequence[Texture], emission_factor: float
-) -> Scene:
-    """Return the scene with the materials and the emission of `looks`.
-
-    looks           : surface by index of its shape
-    textures        : textures of these surfaces, which are appended to those of the scene
-    emission_factor : factor that converts the emission of these surfaces to the unit of the scene
-    """
-    if not looks:
+    lamps = {
+        index: (factor * surface.emission, surface.material.two_sided)
+        for index, surface in looks.items()
+        if surface.emission.any() and not scene.shapes[index].emits
+    }
+    if not lamps:
         return scene
-    given = list(dict.fromkeys(map(id, looks.values())))
-    by_id = {id(surface): surface for surface in looks.values()}
-    materials = [moved_textures(by_id[each].material, len(scene.textures)) for each in given]
-    used = [shape.material for index, shape in enumerate(scene.shapes) if index not in looks]
-    kept = [index for index, m in enumerate(scene.materials) if m.name != "default" or index in used]
-    number = {old: new for new, old in enumerate(kept)}
-    shapes = []
-    for index, shape in enumerate(scene.shapes):
-        if index not in looks:
-            shapes.append(replace(shape, material=number[shape.material]))
-            continue
-        surface = looks[index]
-        shape = replace(shape, material=len(kept) + given.index(id(surface)))
-        if not shape.emits and surface.emission.any():
-            emission = emission_factor * surface.emission
-            shape = replace(shape, emission=emission, emission_two_sided=surface.material.two_sided)
-        shapes.append(shape)
-    return replace(
-        scene,
-        shapes=Shapes(shapes),
-        materials=(*(scene.materials[index] for index in kept), *materials),
-        textures=(*scene.textures, *textures),
-    )
+    changed = [
+        replace(shape, emission=lamps[index][0], emission_two_sided=lamps[index][1]) if index in lamps else shape
+        for index, shape in enumerate(scene.shapes)
+    ]
+    return replace(scene, shapes=Shapes(changed))

@@ -20,6 +20,7 @@ from glpath.io.scene_pictures import stored_picture
 from glpath.io.values import LARGEST, light, unit
 from glpath.scene.appearance import opacity_of
 from glpath.scene.cie_sky import cie_sky, has_sun
+from glpath.scene.geometry import ellipsoid_area
 from glpath.scene.maintenance import with_factor
 from glpath.scene.model import (
     Environment,
@@ -240,6 +241,10 @@ def emission(
     """
     if isinstance(given, UnsetType):
         return shape
+    if given.two_sided and material.culled:
+        raise location.field("two_sided").error(
+            "is true of a shape whose material is culled, so that it has no back.", "Leave one of them away."
+        )
     factor = 1.0 if isinstance(given.unit, UnsetType) else conversion(given.unit, scene_unit)
     if isinstance(given.flux, UnsetType) == isinstance(given.radiance, UnsetType):
         has = "lacks the field `radiance`" if isinstance(given.flux, UnsetType) else "has radiance and flux"
@@ -255,7 +260,12 @@ def emission(
         # Emission is multiplied by the opacity.
         area = _area_of(shape) * (2 if given.two_sided else 1) * _opacity_of(shape, material, textures, location)
         radiance = light(given.flux, location.field("flux")) / (np.pi * area)  # type: ignore[arg-type]
-    shining = replace(shape, emission=factor * radiance, emission_two_sided=given.two_sided)
+    shining = replace(
+        shape,
+        emission=factor * radiance,
+        emission_two_sided=given.two_sided,
+        keeps_flux=shape.primitive == "sphere" and not isinstance(given.flux, UnsetType),
+    )
     return with_factor(shining, _factor_of(given))
 
 
@@ -288,13 +298,7 @@ def _area_of(shape: Shape) -> float:
         corners = shape.geometry.vertices[shape.geometry.faces]
         edges = (corners[:, 1:] - corners[:, :1]) @ shape.world_from_object[0, :, :3].T
         return float(0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum())
-    linear = shape.world_from_object[0, :, :3]
-    z, weight = np.polynomial.legendre.leggauss(64)
-    phi = 2 * np.pi * (np.arange(128) + 0.5) / 128
-    r = np.sqrt(1 - z * z)[:, None]
-    unit_sphere = np.stack([r * np.cos(phi), r * np.sin(phi), np.broadcast_to(z[:, None], (64, 128))], axis=-1)
-    stretch = abs(np.linalg.det(linear)) * np.linalg.norm(unit_sphere @ np.linalg.inv(linear), axis=-1)
-    return float(2 * np.pi * weight @ stretch.mean(axis=1))
+    return ellipsoid_area(shape.world_from_object[0])
 
 
 def sky(

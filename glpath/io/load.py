@@ -24,7 +24,7 @@ import numpy as np
 from msgspec import inspect
 
 from glpath.errors import SceneError
-from glpath.io.build import build
+from glpath.io.build import Supplied, build
 from glpath.io.completed import NO_CAMERA, completed, is_aside
 from glpath.io.convert import convert
 from glpath.io.description import AnyLight, AnyMaterial, AnyShape, SceneFile, Sky
@@ -35,7 +35,7 @@ from glpath.io.streams import Chunks
 from glpath.io.up_axis import Up
 from glpath.io.values import CHECK_PERMISSIONS, LARGEST
 from glpath.scene.camera import framing
-from glpath.scene.model import Mesh, Scene
+from glpath.scene.model import Float64, Mesh, Scene
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.arguments import checked, short_repr
 from glpath.system.files import MAX_TEXT_BYTES, absence_of, is_denied, read_bytes, reason_of
@@ -114,13 +114,12 @@ def scene_from_toml(
     except ValueError as error:  # from an integer of thousands of digits
         raise location.error(f"cannot be read: {error}.", "A number needs no more than 17 digits.") from error
     if "camera" not in data:
-        _check_no_camera_is_needed(data, location)
+        check_no_camera_is_needed(data, location)
         camera = {"position": NO_CAMERA.position, "target": NO_CAMERA.target}
         scene = scene_of({**data, "camera": camera}, location, folder, name, later)
         if is_aside("camera"):
             return replace(scene, camera=framing(scene.framed_points, scene.camera.resolution))
-        of_sky = up == "guess" and scene.sky is not None and "up" in data["sky"]
-        return completed(scene, has_camera=False, up=scene.sky.up if of_sky and scene.sky else up)
+        return completed(scene, has_camera=False, up=up_without_camera(data, scene, up))
     if up != "guess":
         raise location.field("up").error(
             "is for files without a camera, but this one has a [camera].", "Turn its camera by `up` in [camera]."
@@ -128,8 +127,8 @@ def scene_from_toml(
     return scene_of(data, location, folder, name, later)
 
 
-def _check_no_camera_is_needed(data: Mapping[str, Any], location: SourceLocation) -> None:
-    """Raise SceneError if a scene file without a camera has fields that depend on the camera or on its `up`."""
+def check_no_camera_is_needed(data: Mapping[str, Any], location: SourceLocation) -> None:
+    """Raise SceneError if a scene's data without a camera has fields that depend on the camera or on its `up`."""
 
     def needs(field: SourceLocation, what: str, example: str) -> SceneError:
         return field.error(
@@ -138,16 +137,23 @@ def _check_no_camera_is_needed(data: Mapping[str, Any], location: SourceLocation
         )
 
     lights, sky, shapes = data.get("lights"), data.get("sky"), data.get("shapes")
-    for index, each in enumerate(shapes if isinstance(shapes, list) else ()):
-        if isinstance(each, dict) and "pixels" in each:
+    for index, each in enumerate(shapes if isinstance(shapes, list | tuple) else ()):
+        if isinstance(each, Mapping) and "pixels" in each:
             here = location.field("shapes").item(index).field("pixels")
             raise here.error("is of a camera's picture, but the file has no camera.", "Give it a [camera].")
-    for index, each in enumerate(lights if isinstance(lights, list) else ()):
-        if isinstance(each, dict) and "profile" in each and "direction" not in each:
+    for index, each in enumerate(lights if isinstance(lights, list | tuple) else ()):
+        if isinstance(each, Mapping) and "profile" in each and "direction" not in each:
             here = location.field("lights").item(index).field("direction")
             raise needs(here, "where the profile's gamma is 0", "direction = [0, 0, -1], with z up")
-    if isinstance(sky, dict) and "up" not in sky and not {"file", "horizon", "type"}.isdisjoint(sky):
+    if isinstance(sky, Mapping) and "up" not in sky and not {"file", "horizon", "type"}.isdisjoint(sky):
         raise needs(location.field("sky").field("up"), "where the zenith is", "up = [0, 0, 1], with z up")
+
+
+def up_without_camera(data: Mapping[str, Any], scene: Scene, up: Up = "guess") -> Up | Float64:
+    """Return the up axis of a scene whose data has no camera: for "guess", `up` of the sky if the data sets it."""
+    sky = data.get("sky")
+    of_sky = up == "guess" and isinstance(sky, Mapping) and "up" in sky and scene.sky is not None
+    return scene.sky.up if of_sky and scene.sky is not None else up
 
 
 @checked
@@ -167,7 +173,12 @@ def scene_from_dict(
 
 
 def scene_of(
-    data: Mapping[str, Any], location: SourceLocation, folder: Path, name: str, later: float = 0.0
+    data: Mapping[str, Any],
+    location: SourceLocation,
+    folder: Path,
+    name: str,
+    later: float = 0.0,
+    supplied: Supplied | None = None,
 ) -> Scene:
     """Return the scene that a dictionary of the scene format describes. Raises SceneError.
 
@@ -175,6 +186,7 @@ def scene_of(
     folder   : base folder of relative paths
     name     : name of the scene if `data` does not set one
     later    : seconds that are added to the shutter times
+    supplied : materials and camera that replace those of the dictionary
     """
     data, meshes = _without_meshes(data, location)
     try:
@@ -192,7 +204,7 @@ def scene_of(
         raise _explained(error, SceneFile, plain, location) from error
     opened, closed = file.camera.shutter
     file.camera.shutter = (opened + later, closed + later)
-    return build(file, location, folder, name, meshes)
+    return build(file, location, folder, name, meshes, supplied or Supplied())
 
 
 def _without_meshes(

@@ -156,6 +156,7 @@ def scene_of_model(model: Model, up: Up = "y") -> Scene:
         lights=model.lights,
         sky=model.sky,
         unit=model.unit or "radiometric",
+        animation_times=model.shutter if model.animated else None,
     )
     if model.camera is not None:
         check_camera(scene.camera, location)

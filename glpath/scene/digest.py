@@ -17,7 +17,7 @@ from glpath.system.time_limit import check_time
 
 #: Fields that do not change the image, by dataclass name.
 UNSEEN = {
-    "Scene": {"name", "source", "exposure", "unit", "centred_by"},
+    "Scene": {"name", "source", "exposure", "unit", "centred_by", "animation_times"},
     "Shape": {"name", "kind", "maintenance_factor"},
     "Material": {"name"},
     "Texture": {"name"},
@@ -33,7 +33,7 @@ LATER = {
         *("projection", "height", "aperture_radius", "focus_distance", "shutter", "motion"),
         *("principal_point", "pixel_aspect"),
     },
-    "Shape": {"motion"},
+    "Shape": {"motion", "keeps_flux"},
     "Scene": {"portals", "background"},
     "Material": {"slab", "distribution", "layering", "metal_index"},
 }

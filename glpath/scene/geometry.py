@@ -169,6 +169,7 @@ _FIELDS: tuple[tuple[str, tuple[type, ...], str], ...] = (
     ("kind", (str,), "text"),
     ("motion", (NoneType, Motion), "a Motion or None"),
     ("maintenance_factor", (NoneType, int, float), "a number or None"),
+    ("keeps_flux", (bool, np.bool_), "True or False"),
 )
 # Types of all fields in order, for shapes that are already checked.
 _ALLOWED_TYPES: set[tuple[type, ...]] = set()
@@ -191,6 +192,7 @@ class Shape:
     maintenance_factor : factor that `emission` already contains; None if none was given
     motion             : motion of the instances; `world_from_object` is then their pose when the shutter opens.
                          None: they do not move
+    keeps_flux         : True if a sphere's triangles have its flux instead of its radiance, because flux was given
     """
 
     name: str
@@ -203,6 +205,7 @@ class Shape:
     kind: str = ""
     motion: Motion | None = None
     maintenance_factor: float | None = None
+    keeps_flux: bool = False
 
     def __post_init__(self) -> None:
         self._check_fields()
@@ -542,6 +545,17 @@ def sphere_areas(spheres: Float64) -> Float64:
     axes = np.linalg.svd(spheres[:, :, :3], compute_uv=False) ** 1.6075
     a, b, c = axes.T
     return np.asarray(4 * np.pi * ((a * b + b * c + c * a) / 3) ** (1 / 1.6075))
+
+
+def ellipsoid_area(world_from_unit: Float64) -> float:
+    """Return the surface area of a sphere (3, 4), which may be an ellipsoid, by quadrature, scene units squared."""
+    linear = world_from_unit[:, :3]
+    z, weight = np.polynomial.legendre.leggauss(64)
+    phi = 2 * np.pi * (np.arange(128) + 0.5) / 128
+    r = np.sqrt(1 - z * z)[:, None]
+    unit_sphere = np.stack([r * np.cos(phi), r * np.sin(phi), np.broadcast_to(z[:, None], (64, 128))], axis=-1)
+    stretch = abs(np.linalg.det(linear)) * np.linalg.norm(unit_sphere @ np.linalg.inv(linear), axis=-1)
+    return float(2 * np.pi * weight @ stretch.mean(axis=1))
 
 
 def _or_zeros(values: Float64 | None, *shape: int) -> Float64:

@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import SceneError, UsageError, encodable
+from glpath.errors import SceneError, UsageError, encodable, warn
 from glpath.film.image import check_exposure
 from glpath.film.units import UNITS, Unit
 from glpath.scene.background import Background
@@ -160,6 +160,7 @@ class Scene:
     sky          : radiance of rays that hit nothing: a blend, an environment map, or None for black
     portals      : openings through which the sky lights an interior, so that fewer sky samples are blocked
     background   : background that the camera sees behind all shapes; None: the sky
+    animation_times : first and last time, seconds, for which animations of glTF models were read; None if none runs
     exposure     : stops by which 8-bit images are brightened; None: result of `image.auto_exposure`
     centred_by   : (3,) float64 point that `centred` subtracted from all coordinates of this scene; None if the
                    coordinates are those of the file
@@ -183,6 +184,7 @@ class Scene:
     unit: Unit = "radiometric"
     portals: tuple[Portal, ...] = ()
     background: Background | None = None
+    animation_times: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -396,6 +398,9 @@ class Scene:
         time : seconds; None: the time at which the shutter opens
         """
         moment = self.camera.shutter[0] if time is None else time
+        opened, closed = self.camera.shutter
+        if not opened <= moment <= closed:
+            self._warn_of_animations(moment, moment)
         return replace(self.still(moment), camera=self.camera.at(moment))
 
     def still(self, time: float | None = None) -> Scene:
@@ -417,6 +422,18 @@ class Scene:
             i for i, s in enumerate(self.shapes) if s.motion and s.motion.moves_within(*self.camera.shutter)
         )
 
+    def _warn_of_animations(self, opened: float, closed: float) -> None:
+        """Warn if animations of glTF models were not read for a time between `opened` and `closed`."""
+        if self.animation_times is None:
+            return
+        first, last = self.animation_times
+        if opened < first or closed > last:
+            warn(
+                f"{self.source or self.name}: animations of glTF models were read from {first:g} to {last:g} s. "
+                f"They stand still before and after, but the shutter is now {opened:g} to {closed:g} s. Set it in "
+                "the scene file, or by the parameters time and shutter of a glTF file."
+            )
+
     def with_camera(self, camera: Camera | None = None, **changes: object) -> Scene:
         """Return the scene with another camera.
 
@@ -435,6 +452,8 @@ class Scene:
             if name not in known:
                 raise UsageError(f"camera: no field is named {short_repr(name)}; allowed are {', '.join(known)}")
         seen = with_changes(camera or self.camera, changes)
+        if "shutter" in changes or seen.shutter != (0.0, 0.0):
+            self._warn_of_animations(*seen.shutter)
         scene = self
         may_frame = changes.keys() == {"resolution"} or ("up" in changes and np.any(seen.up))
         if camera is None and may_frame and _is_framed(self):

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -96,13 +97,15 @@ class Patches:
     def levels_seen(self, camera: Camera, pixels: float) -> Int64:
         """Return (P, 4) segment counts of edges, powers of two, so that a segment is at most about `pixels` long.
 
-        The estimate uses the length of the edge's control polygon, which the edge cannot exceed, and the distance
-        of the nearest control point.
+        The estimate uses the length of the edge's control polygon, which the edge cannot exceed. For a camera whose
+        rays spread, it also uses the smallest distance between a control point and the camera in its shutter time.
         """
         curve = _in_one_order(self.edges)[0]
         length = np.linalg.norm(np.diff(curve, axis=2), axis=3).sum(axis=2)
-        distance = np.linalg.norm(curve - camera.position, axis=3).min(axis=2)
-        wanted = length * max(camera.focal_lengths) / (pixels * np.maximum(distance, 1e-6 * length + 1e-30))
+        distance = np.ones_like(length)
+        if camera.projection != "orthographic":
+            distance = np.maximum(_distance_to_path(curve, camera).min(axis=2), 1e-6 * length + 1e-30)
+        wanted = length * _pixels_at_distance_one(camera) / (pixels * distance)
         exponent = np.ceil(np.log2(np.clip(wanted, 1.0, MAX_LEVEL)))
         return np.asarray((2**exponent).astype(np.int64))
 
@@ -124,6 +127,26 @@ class _Division:
     faces: Int64
     edge: Int64
     step: Int64
+
+
+def _pixels_at_distance_one(camera: Camera) -> float:
+    """Return the pixels of one scene unit at distance 1, or at any distance for parallel rays."""
+    if camera.projection == "panorama":
+        width, height = camera.resolution
+        return max(width / (2 * np.pi), height / np.pi)  # pixels of a radian
+    return max(camera.focal_lengths)
+
+
+def _distance_to_path(points: Float64, camera: Camera) -> Float64:
+    """Return the distances (...) of points (..., 3) from the path of the camera while its shutter is open."""
+    opened, closed = camera.shutter
+    times = [opened, *(key.time for key in camera.motion if opened < key.time < closed), closed]
+    found = np.full(points.shape[:-1], np.inf)
+    for begin, end in pairwise(camera.at(time).position for time in times):
+        step = end - begin
+        share = np.clip((points - begin) @ step / max(float(step @ step), 1e-300), 0.0, 1.0)
+        found = np.minimum(found, np.linalg.norm(points - (begin + share[..., None] * step), axis=-1))
+    return found
 
 
 def triangle_counts(levels: Int64) -> Int64:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from glpath.errors import SceneError
-from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape, Shapes
-from glpath.scene.model import Scene
+from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape, Shapes, ellipsoid_area
+from glpath.scene.model import Scene, triangle_areas
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import unit_sphere, with_area, without_area
 from glpath.system.arguments import checked
@@ -25,7 +25,7 @@ def path_traceable(scene: Scene, streams: bool = False, *, centred: bool = True)
     """Return the scene in triangles only, in the order of its shapes, relative to its `origin` (`Scene.centred`).
 
     It returns `scene` itself if that has no spheres and is near the origin. Spheres become icospheres with their
-    `subdivisions`.
+    `subdivisions`. They keep their radiance, or their flux if that was given (`Shape.keeps_flux`).
 
     streams : True if the engine supports streamed triangles
     centred : False keeps the coordinates, for callers that use float64
@@ -79,6 +79,9 @@ def _tessellated(shape: Shape, textured: bool, location: SourceLocation) -> Shap
             mesh = replace(mesh, uv=mesh.uv * [-1.0, 1.0])  # mirroring reverses the longitude, too
     instances = replace(shape, geometry=mesh, world_from_object=matrices, kind="mesh")
     alone = Shapes((instances,))
+    if shape.keeps_flux:  # the triangles lie inside the sphere, so their area is smaller
+        areas = (sum(map(ellipsoid_area, shape.world_from_object)), triangle_areas(alone.triangles).sum())
+        instances = replace(instances, emission=shape.emission * (areas[0] / areas[1]), keeps_flux=False)
     if not any(without_area(part).any() for part in alone.triangles_of(0)):
         return instances
     # A very flat ellipsoid has triangles without area, and not the same ones in every instance.

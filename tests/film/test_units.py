@@ -16,6 +16,7 @@ from glpath.cli.main import app
 from glpath.errors import SceneError, UsageError
 from glpath.film.units import EFFICACY
 from glpath.scene.appearance import Appearance
+from glpath.scene.triangulate import path_traceable
 from tests.support.gltf_files import Gltf
 from tests.support.photometry import ies
 
@@ -289,6 +290,18 @@ def test_the_flux_of_an_ellipsoid_is_by_its_exact_surface() -> None:
     )
 
 
+@pytest.mark.parametrize("scale", [[1, 1, 1], [1, 1, 2], [-1, 3, 1]])
+@pytest.mark.parametrize("subdivisions", [0, 1, 4])
+def test_triangles_of_a_sphere_have_its_flux_or_its_radiance(subdivisions: int, scale: list[float]) -> None:
+    """One side of the area A with the radiance L sends pi A L."""
+    ball = {"type": "sphere", "radius": 0.5, "subdivisions": subdivisions, "transform": [{"scale": scale}]}
+    lamps = [{**ball, "emission": {"flux": 1000}}, {**ball, "emission": {"radiance": 7}}]
+    traced = path_traceable(glpath.load_scene(scene(shapes=lamps)))
+    flux = np.pi * traced.areas[traced.triangle_shape == 0].sum() * traced.shapes[0].emission
+    np.testing.assert_allclose(flux, 1000, rtol=1e-6)
+    assert traced.shapes[1].emission.tolist() == [7, 7, 7]
+
+
 @pytest.mark.parametrize(
     ("fields", "opacity"),
     [
@@ -324,6 +337,13 @@ def test_the_flux_of_a_lamp_with_holes_is_refused(fields: dict[str, Any], words:
     ball = {"type": "sphere", "radius": 1, "material": "lamp", "emission": {"flux": 100}}
     with pytest.raises(SceneError, match=rf"emission\W+flux.* {words}"):
         glpath.load_scene(scene(shapes=[ball], materials={"lamp": fields}, textures={"leaf": leaf}))
+
+
+@pytest.mark.parametrize("amount", ["flux", "radiance"])
+def test_a_lamp_without_a_back_cannot_emit_from_it(amount: str) -> None:
+    ball = {"type": "sphere", "radius": 1, "material": "lamp", "emission": {amount: 100, "two_sided": True}}
+    with pytest.raises(SceneError, match=r"emission\W+two_sided.* has no back"):
+        glpath.load_scene(scene(shapes=[ball], materials={"lamp": {"two_sided": False, "culled": True}}))
 
 
 def test_the_flux_of_a_lamp_whose_mask_is_closed_everywhere_is_accepted(tmp_path: Path) -> None:

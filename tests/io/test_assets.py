@@ -20,6 +20,7 @@ from glpath.io.completed import aside
 from glpath.io.description import scene_schema as described
 from glpath.io.gltf import read_gltf
 from glpath.io.gltf.load import OpenFile
+from glpath.rendering.job import with_overrides
 from glpath.scene import Scene, tessellate
 from glpath.scene.model import Mesh
 from glpath.scene.source_location import SourceLocation
@@ -160,6 +161,39 @@ def test_an_asset_is_shown_at_a_time(tmp_path: Path) -> None:
         warnings.simplefilter("ignore", SceneWarning)
         moved = load_scene(path, {"time": 0.5})
     assert np.array_equal(moved.triangles, scene.triangles[12:])
+
+
+def _sliding_triangle(folder: Path) -> Path:
+    """Return a scene file that shows the animation of a triangle, which slides along x by one unit a second."""
+    file = Gltf()
+    file.one_triangle(doubleSided=True)
+    sampler = {"input": file.accessor([0.0, 9.0]), "output": file.accessor([[0, 0, 0], [9, 0, 0]])}
+    file.add(
+        "animations", samplers=[sampler], channels=[{"sampler": 0, "target": {"node": 0, "path": "translation"}}]
+    )
+    file.write(folder)
+    path = folder / "moving.toml"
+    asset = 'file = "model.gltf"\ntime = 0'
+    path.write_text(
+        HEAD.replace("target = [0, 0, 0]", "target = [0, 0, 0], shutter = [1, 2]") + f"[[assets]]\n{asset}"
+    )
+    return path
+
+
+@pytest.mark.parametrize("change", ["override", "with_camera", "at"])
+def test_a_shutter_beyond_the_one_an_animation_was_read_for_is_told(change: str, tmp_path: Path) -> None:
+    scene = load_scene(_sliding_triangle(tmp_path))
+    assert scene.animation_times == (1, 2)
+    changed = {
+        "override": lambda times: with_overrides(scene, None, {"shutter": times}),
+        "with_camera": lambda times: scene.with_camera(shutter=times),
+        "at": lambda times: scene.at(times[1]),
+    }[change]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert changed((1.0, 1.5)).at().triangles[0, 0, 0] == pytest.approx(1.5 if change == "at" else 1.0)
+    with pytest.warns(SceneWarning, match="animations of glTF models were read from 1 to 2 s"):
+        changed((1.5, 3.0))
 
 
 def test_a_file_at_several_times_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

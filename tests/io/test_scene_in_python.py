@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -23,6 +24,7 @@ CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
 LAMP = {"type": "sphere", "radius": 0.1, "center": [0, 5, 0], "emission": {"radiance": 3}}
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
+NET = [[[x, y, 0] for x in range(4)] for y in range(4)]
 
 
 def test_a_dictionary_with_arrays_is_what_the_file_with_numbers_is(tmp_path: Path):
@@ -185,6 +187,55 @@ def test_instances_in_a_scene_of_trimesh_are_instances_here():
     assert len(made.shapes.meshes) == 1
 
 
+GROUND = {"type": "quad", "corners": [[-4, -4, 0], [4, -4, 0], [4, 4, 0], [-4, 4, 0]]}
+BOX_ABOVE = {"type": "box", "min": [-1, -1, 0], "max": [1, 1, 2]}
+
+
+def _as_toml(value: Any) -> str:
+    """Return a value as an inline value of TOML."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_as_toml(each)}" for key, each in value.items()) + "}"
+    return json.dumps(value)
+
+
+def _file_of(data: dict[str, Any], folder: Path) -> Path:
+    path = folder / "scene.toml"
+    lists = {key: f"[{', '.join(map(_as_toml, each))}]" for key, each in data.items() if isinstance(each, list)}
+    texts = {key: lists.get(key) or _as_toml(each) for key, each in data.items()}
+    path.write_text("".join(f"{key} = {text}\n" for key, text in texts.items()))
+    return path
+
+
+@pytest.mark.filterwarnings("ignore:.*has no camera")
+@pytest.mark.parametrize("sky", [{}, {"sky": {"zenith": [0, 0, 1], "horizon": [1, 0, 0], "up": [1, 0, 0]}}])
+def test_a_dictionary_without_a_camera_has_the_up_axis_of_the_file(sky: dict[str, Any], tmp_path: Path):
+    data = {"ambient": 1, **sky, "shapes": [GROUND, BOX_ABOVE]}
+    made = load_scene(data)
+    assert made.digest() == load_scene(_file_of(data, tmp_path)).digest()
+    assert made.camera.up.tolist() == ([1, 0, 0] if sky else [0, 0, 1])
+
+
+def test_the_warning_of_a_guessed_up_axis_names_what_python_writes():
+    with pytest.warns(SceneWarning, match=re.escape("; with_camera(up=[0, 1, 0]) if y is up)")):
+        load_scene({"ambient": 1, "shapes": [GROUND, BOX_ABOVE]})
+
+
+@pytest.mark.parametrize(
+    ("part", "told"),
+    [
+        ({"sky": {"zenith": [0, 0, 1], "horizon": [1, 0, 0]}}, "up.* is missing"),
+        (
+            {"lights": [{"type": "point", "position": [0, 0, 3], "profile": "lamp.ies"}]},
+            r'\["direction"\] is missing',
+        ),
+        ({"shapes": ({"type": "patches", "net": NET, "pixels": 2},)}, "is of a camera's picture"),
+    ],
+)
+def test_a_dictionary_without_a_camera_needs_what_the_file_needs(part: dict[str, Any], told: str):
+    with pytest.raises(SceneError, match=told + ".*has no camera"):
+        load_scene({"shapes": [GROUND], **part})
+
+
 def test_what_is_dropped_of_trimesh_is_said():
     ball = trimesh.creation.icosphere(subdivisions=0)
     ball.visual.vertex_colors = np.arange(48).reshape(12, 4)
@@ -240,6 +291,74 @@ def test_a_scene_grows_shape_by_shape():
         box.add(lid, material="blau")
     with pytest.raises(SceneError, match=r'shape\["shapes"\]\[0\]\["radius"\] is "big"'):
         box.add({"type": "sphere", "radius": "big"})
+
+
+MATERIALS = {
+    "veil": {"reflectance": 0.5, "alpha": "blend", "opacity": 0.25},
+    "brushed": {"type": "principled", "metallic": 1, "anisotropy": 0.8},
+    "tiles": {"texture": "checker"},
+    "shining": {"emission_texture": "checker"},
+    "clear": {"alpha": "blend", "opacity": 0},
+}
+FLUX_LAMP = {"type": "sphere", "radius": 1, "emission": {"flux": 10}}
+TRIANGLE = {"type": "mesh", "vertices": VERTICES[:3].tolist(), "faces": [[0, 1, 2]]}
+
+
+def _around(*shapes: dict[str, Any]) -> dict[str, Any]:
+    ground = {"type": "box", "min": [-9, -9, -9], "max": [9, -8, 9]}
+    return {
+        "camera": {"position": [0, 0, 90], "target": [0, 0, 0]},
+        "ambient": 1,
+        "textures": {"checker": {"type": "checker"}},
+        "materials": MATERIALS,
+        "shapes": [ground, *shapes],
+    }
+
+
+@pytest.mark.parametrize(
+    ("shape", "material"),
+    [
+        (FLUX_LAMP, "veil"),
+        (TRIANGLE, "brushed"),
+        (TRIANGLE, "tiles"),
+        ({"type": "patches", "net": NET, "pixels": 2}, "veil"),
+    ],
+)
+def test_an_added_shape_is_the_one_of_the_scenes_dictionary(shape: dict[str, Any], material: str):
+    expected = load_scene(_around({**shape, "material": material}))
+    assert load_scene(_around()).add(shape, material=material).digest() == expected.digest()
+
+
+class _Stream:
+    def __len__(self) -> int:
+        return 1
+
+    def chunk(self, index: int) -> Any:
+        return VERTICES[None, :3]
+
+
+@pytest.mark.parametrize(
+    ("shape", "material", "told"),
+    [
+        (FLUX_LAMP, "shining", "a material with an emission_texture"),
+        (FLUX_LAMP, "clear", "whose opacity is 0"),
+        ({"stream": _Stream()}, "tiles", "triangles have no texture coordinates"),
+        ({"stream": _Stream()}, "veil", "lets light through"),
+    ],
+)
+def test_an_added_shape_is_refused_as_in_the_scenes_dictionary(shape: dict[str, Any], material: str, told: str):
+    with pytest.raises(SceneError, match=told):
+        load_scene(_around({**shape, "material": material}))
+    with pytest.raises(SceneError, match=told):
+        load_scene(_around()).add(shape, material=material)
+
+
+def test_flux_of_a_transparent_trimesh_is_divided_by_its_opacity():
+    box = trimesh.creation.box()
+    look = trimesh.visual.material.PBRMaterial(baseColorFactor=[255, 255, 255, 64], alphaMode="BLEND")
+    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), material=look)
+    made = load_scene({"camera": CAMERA, "shapes": [{"mesh": box, "emission": {"flux": 10}}]})
+    assert made.shapes[0].emission == pytest.approx([10 / (np.pi * 6 * 64 / 255)] * 3)
 
 
 def test_everything_that_takes_a_scene_takes_these():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from glpath.errors import SceneError
 from glpath.io import scene_from_dict
 from glpath.io.shipped.teapot import teapot_patches
 from glpath.scene import patches as rooms
-from glpath.scene.camera import Camera
+from glpath.scene.camera import Camera, CameraKey
 from glpath.scene.model import Mesh
 from glpath.scene.patches import PatchChunks, Patches, diced
 from tests.support.engines import coarse, with_depth
@@ -123,13 +124,28 @@ def test_a_closed_surface_has_no_crack_whatever_its_edges_are_divided_into(pixel
     assert volume(mesh.vertices[mesh.faces]) > 0
 
 
-def test_edges_are_as_long_in_the_picture_as_was_asked_for():
-    levels, curves = ring().levels_seen(CAMERA, 12.0), ring().edges
+def moving(*positions: list[float], shutter: tuple[float, float]) -> Camera:
+    keys = [CameraKey(float(time), np.array(at), CAMERA.target, CAMERA.up) for time, at in enumerate(positions)]
+    return replace(CAMERA, position=np.array([400.0, 0.0, 0.0]), motion=tuple(keys), shutter=shutter)
+
+
+@pytest.mark.parametrize(
+    ("camera", "time"),
+    [
+        (CAMERA, 0.0),
+        (replace(CAMERA, projection="orthographic", height=6.0), 0.0),
+        (replace(CAMERA, projection="orthographic", height=6.0, position=100 * CAMERA.position), 0.0),
+        (replace(CAMERA, projection="panorama"), 0.0),
+        (replace(CAMERA, projection="panorama", resolution=(960, 240)), 0.0),
+        (moving([40.0, 10.0, 20.0], [4.0, 1.0, 2.0], shutter=(1.0, 1.0)), 1.0),
+        (moving([4.0, -30.0, 2.0], [4.0, 32.0, 2.0], shutter=(0.2, 0.8)), 0.5),
+    ],
+)
+def test_edges_are_as_long_in_the_picture_as_was_asked_for(camera: Camera, time: float):
+    levels, curves = ring().levels_seen(camera, 12.0), ring().edges
     t = np.linspace(0, 1, 257)
     bernstein = np.stack([(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t * t * (1 - t), t**3])
-    points = np.einsum("kn,pekx->penx", bernstein, curves) - CAMERA.position
-    right, up, forward = CAMERA.frame()
-    seen = np.stack([points @ right, points @ up], axis=-1) / (points @ forward)[..., None] * CAMERA.focal
+    seen, _ = camera.at(time).project(np.einsum("kn,pekx->penx", bernstein, curves))
     longest = []
     for patch, of_patch in zip(seen, levels, strict=True):
         for edge, level in zip(patch, of_patch, strict=True):

@@ -130,6 +130,7 @@ def everything() -> Scene:
         background=Background(np.ones(3), ground=np.zeros(3)),
         exposure=1.0,
         centred_by=np.array([1.0, 2.0, 3.0]),
+        animation_times=(0.0, 1.0),
     )
 
 

@@ -73,6 +73,7 @@ class Model:
     notes     : unused contents of the file, without duplicates
     unit      : unit of the model's light; None if the format has no unit
     sky       : environment; None if the file has no environment
+    animated  : True if an animation runs that sets values of a node
     """
 
     source: str
@@ -87,6 +88,7 @@ class Model:
     shutter: tuple[float, float] = (0.0, 0.0)
     unit: Unit | None = None
     sky: Environment | None = None
+    animated: bool = False
 
 
 def read_gltf(
@@ -193,6 +195,7 @@ def read_gltf(
         shutter=(0.0, 0.0) if time is None else (time, time + shutter),
         unit=unit,
         sky=environment_of(document),
+        animated=bool(poses),
     )
 
 
