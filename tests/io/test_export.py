@@ -399,6 +399,34 @@ def test_a_pane_reflects_as_much_as_its_weight_says() -> None:
         assert any("its thin dielectric reflects" in text for text in made.differences) is (weight > 0)
 
 
+@pytest.mark.parametrize("transmittance", [0.6, [0.82, 0.5, 0.2]])
+def test_glazing_transmits_in_mitsuba_what_its_maker_gives(transmittance: Any) -> None:
+    """Mitsuba's thin dielectric transmits 1 - 2 F / (1 + F) times its factor at normal incidence."""
+    scene = glpath.load_scene(
+        {
+            "camera": {"position": [0, 0, 4], "target": [0, 0, 0]},
+            "materials": {"window": {"type": "glazing", "transmittance": transmittance}},
+            "shapes": [{"type": "box", "min": [0, 0, 0], "max": [1, 1, 1], "material": "window"}],
+            "sky": {"zenith": 1, "horizon": 1},
+        }
+    )
+    made = described(scene, 4).plugins["window"]
+    once = ((made["int_ior"] - 1.0) / (made["int_ior"] + 1.0)) ** 2
+    clear = 1.0 - 2.0 * once / (1.0 + once)
+    needed = np.broadcast_to(transmittance, 3)
+    assert clear * np.array(made["specular_transmittance"]["value"]) == pytest.approx(needed)
+
+
+def test_coloured_vertices_of_a_metal_have_one_scale_in_mitsuba() -> None:
+    """Mitsuba's `scale` of a mesh attribute is a number; an array would be written as a transform."""
+    gold = Material("gold", np.ones(3), roughness=0.3, metallic=1.0, metal_index=(np.full(3, 0.2), np.full(3, 3.0)))
+    box = box_mesh((0, 0, 0), (1, 1, 1))
+    shape = Shape("box", replace(box, colours=np.ones((len(box.vertices), 4))), 0)
+    scene = replace(glpath.load_scene("furnace"), shapes=Shapes([shape]), materials=(gold,))
+    reflectance = described(scene, 4).plugins["gold"]["bsdf"]["specular_reflectance"]
+    assert type(reflectance["scale"]) is float
+
+
 def test_a_dielectric_that_reflects_like_a_metal_is_told_of(tmp_path: Path) -> None:
     white = Material("glazed", np.ones(3), roughness=1.0, specular_colour=np.full(3, 25.0))
     scene = replace(glpath.load_scene("furnace"), materials=(white,) * len(glpath.load_scene("furnace").materials))
