@@ -290,6 +290,40 @@ def test_a_scene_of_only_an_endless_plane_has_a_near_plane_in_mitsuba() -> None:
     assert 0 < sensor["near_clip"] < 1 < sensor["far_clip"]
 
 
+WIDE = {"type": "quad", "corners": [[-1e4, 0, 1e4], [1e4, 0, 1e4], [1e4, 0, -1e4], [-1e4, 0, -1e4]]}
+ENDLESS = {"type": "plane", "point": [0, 0, 0], "normal": [0, 1, 0]}
+
+
+@pytest.mark.parametrize(
+    ("ground", "box", "camera"),
+    [
+        (WIDE, [[-0.5, 1, -2], [0.5, 2, -1]], {}),
+        (WIDE, [[-0.5, 1, -2], [0.5, 2, -1]], {"type": "orthographic", "height": 2}),
+        (WIDE, [[-0.5, 1, -2], [0.5, 2, -1]], {"type": "panorama"}),
+        (ENDLESS, [[-1e4, 0, -1e4], [1e4, 2e4, -1e3]], {"target": [0, -2, -1]}),
+    ],
+)
+def test_near_planes_hide_nothing_in_a_wide_scene(ground: Any, box: Any, camera: Any, tmp_path: Path) -> None:
+    """What is nearest in view, the box or the ground below the camera, is more than 0.9 in front of the camera."""
+    view = {"position": [0, 1.7, 0], "target": [0, 1.7, -1]} | camera
+    shapes = [ground, {"type": "box", "min": box[0], "max": box[1]}]
+    scene = glpath.load_scene({"camera": view, "sky": {"zenith": 1, "horizon": 1}, "shapes": shapes})
+    assert 0 < described(scene, 2).plugins["sensor"]["near_clip"] < 0.9
+    quietly(scene, tmp_path / "a.glb")
+    made = ReadGlb.of(tmp_path / "a.glb").json["cameras"][0]
+    assert 0 <= made[made["type"]]["znear"] < 0.9
+
+
+def test_cameras_of_a_scene_without_size_have_the_depths_that_gltf_demands(tmp_path: Path) -> None:
+    """glTF 2.0, camera.perspective: znear > 0; camera.orthographic: zfar > znear."""
+    scene = replace(glpath.load_scene("furnace"), shapes=Shapes([]))
+    for projection in ("perspective", "orthographic"):
+        quietly(replace(scene, camera=replace(scene.camera, projection=projection)), tmp_path / "a.glb")
+        made = ReadGlb.of(tmp_path / "a.glb").json["cameras"][0][projection]
+        assert made.get("zfar", np.inf) > made["znear"] >= 0
+        assert projection == "orthographic" or made["znear"] > 0
+
+
 @pytest.mark.parametrize("turn", [np.eye(2, 3), np.diag([-2.0, 3.0, 1.0])[:2], np.eye(3)[[1, 0]] * [1, -1, 1]])
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_green_of_a_normal_map_is_along_n_cross_u_in_mitsuba(mirrored: bool, turn: Any) -> None:

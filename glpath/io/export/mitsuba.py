@@ -36,6 +36,8 @@ from glpath.io.export.geometry import (
     in_triangles,
     in_world,
     mirrors,
+    near_plane,
+    scene_size,
     uv_handedness,
     v_downwards,
     with_all_normals,
@@ -86,7 +88,8 @@ def described(
     if scene.origin.any():  # Mitsuba's transforms are 32-bit floats, too, so they cannot hold the origin
         notes.add(f"all is relative to {shown(scene.origin)}, as the scene is far from the origin")
     low, high = scene.bounds  # without infinite planes
-    size = float(np.linalg.norm(high - low)) or float(np.linalg.norm(scene.camera.at().position - low)) or 1.0
+    size = scene_size(scene)
+    near = near_plane(scene, 1e-4 * size)
     scene = in_triangles(scene, notes)
     if np.any(scene.ambient > 0):
         notes.add("ambient light is left out")
@@ -104,7 +107,7 @@ def described(
     plugins = {
         "type": "scene",
         "integrator": integrator(max_depth, surfaces.integrator),
-        "sensor": _sensor(scene, size, sampler, spp, notes),
+        "sensor": _sensor(scene, near, sampler, spp, notes),
     }
     return MitsubaScene(plugins | surfaces.plugins | shapes | emitters, notes.texts, (x, y, z))
 
@@ -292,7 +295,7 @@ def _frame(x: Float64, y: Float64, z: Float64, origin: Float64) -> Float64:
     return matrix
 
 
-def _sensor(scene: Scene, size: float, sampler: Sampler, spp: int, notes: Notes) -> Plugin:
+def _sensor(scene: Scene, near: float, sampler: Sampler, spp: int, notes: Notes) -> Plugin:
     camera = scene.camera.at()
     low, high = scene.bounds
     far = float(np.linalg.norm(camera.position - 0.5 * (low + high)) + np.linalg.norm(high - low))
@@ -322,7 +325,7 @@ def _sensor(scene: Scene, size: float, sampler: Sampler, spp: int, notes: Notes)
         else:
             notes.add("the camera's principal point is left out: the view is to the middle of the picture")
     return view | {
-        "near_clip": 1e-4 * size,
+        "near_clip": near,
         "far_clip": far,
         "to_world": _frame(-scale * right, scale * up, forward, camera.position),
         "sampler": {"type": sampler, "sample_count": spp},
