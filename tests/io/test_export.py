@@ -21,6 +21,7 @@ from glpath.io.export.geometry import Notes, in_triangles
 from glpath.io.export.mitsuba import described
 from glpath.io.gltf.load import Model, read_gltf
 from glpath.io.library import shipped_scenes
+from glpath.scene.background import Background
 from glpath.scene.material import SLOTS
 from glpath.scene.model import (
     Camera,
@@ -288,6 +289,38 @@ def test_a_scene_of_only_an_endless_plane_has_a_near_plane_in_mitsuba() -> None:
     scene = glpath.load_scene({"camera": {"position": [0, 1, 4], "target": [0, 0, 0]}, "shapes": [plane]})
     sensor = described(scene, 2).plugins["sensor"]
     assert 0 < sensor["near_clip"] < 1 < sensor["far_clip"]
+
+
+@pytest.mark.parametrize("lamp", [False, True])
+def test_a_transparent_background_is_read_back_from_the_xml(lamp: bool, tmp_path: Path) -> None:
+    """Mitsuba's `hide_emitters` hides the sky, and area lights as well; alpha needs pixels of format rgba."""
+    emission = {"emission": {"radiance": 1}} if lamp else {}
+    scene = glpath.load_scene(
+        {
+            "camera": {"position": [0, 0, 4], "target": [0, 0, 0]},
+            "sky": {"zenith": 1, "horizon": 1},
+            "shapes": [{"type": "box", "min": [0, 0, 0], "max": [1, 1, 1]} | emission],
+        },
+        {"background": "transparent"},
+    )
+    notes = quietly(scene, tmp_path / "a.xml")
+    film = ElementTree.parse(tmp_path / "a.xml").find("sensor/film/string[@name='pixel_format']")
+    assert film is not None
+    assert film.attrib["value"] == "rgba"
+    assert any("the camera does not see shapes that emit" in note for note in notes) is lamp
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        background = glpath.load_scene(tmp_path / "a.xml").background
+    assert background is not None
+    assert background.transparent
+
+
+def test_backgrounds_that_mitsuba_lacks_are_reported() -> None:
+    scene = glpath.load_scene("furnace")
+    for ground, text in ((None, "the background is left out"), (np.zeros(3), "the background and its shadow are")):
+        notes = described(replace(scene, background=Background(np.ones(3), ground=ground)), 2).differences
+        assert any(text in note for note in notes)
+    assert not any("background" in text for text in described(scene, 2).differences)
 
 
 WIDE = {"type": "quad", "corners": [[-1e4, 0, 1e4], [1e4, 0, 1e4], [1e4, 0, -1e4], [-1e4, 0, -1e4]]}
@@ -830,6 +863,13 @@ def test_mistakes_are_explained_and_nothing_is_written(
 def test_xml_whose_name_is_not_text_is_refused(tmp_path: Path) -> None:
     with pytest.raises(glpath.GlpathError, match="its name is not UTF-8 text"):
         glpath.export("cornell-box-36", tmp_path / "a\udcff.xml")
+    assert not list(tmp_path.iterdir())
+
+
+def test_xml_whose_name_has_a_parameter_of_mitsuba_is_refused(tmp_path: Path) -> None:
+    """Mitsuba replaces $NAME in all attributes, and the XML names the folder of its files."""
+    with pytest.raises(glpath.GlpathError, match=r"holds \$"):
+        glpath.export("cornell-box", tmp_path / "a$b.xml")
     assert not list(tmp_path.iterdir())
 
 

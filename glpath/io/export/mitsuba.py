@@ -106,7 +106,7 @@ def described(
             emitters[names.of("sun")] = _sun(scene.sky.sun, notes)
     plugins = {
         "type": "scene",
-        "integrator": integrator(max_depth, surfaces.integrator),
+        "integrator": integrator(max_depth, surfaces.integrator) | _hidden_sky(scene, notes),
         "sensor": _sensor(scene, near, sampler, spp, notes),
     }
     return MitsubaScene(plugins | surfaces.plugins | shapes | emitters, notes.texts, (x, y, z))
@@ -115,6 +115,21 @@ def described(
 def integrator(max_depth: int, plugin: str = "path") -> Plugin:
     """Return the integrator for paths with at most `max_depth` vertices."""
     return {"type": plugin, "max_depth": max_depth + 1, "rr_depth": 5}
+
+
+def _hidden_sky(scene: Scene, notes: Notes) -> Plugin:
+    """Return the integrator's parameter for a transparent background. Add notes on what Mitsuba lacks."""
+    background = scene.background
+    if background is None:
+        return {}
+    if not background.transparent:
+        notes.add(f"the background {'is' if background.ground is None else 'and its shadow are'} left out")
+        return {}
+    if scene.sky is None:
+        return {}
+    if any(shape.emits for shape in scene.shapes):
+        notes.add("the camera does not see shapes that emit, as it does not see the sky")
+    return {"hide_emitters": True}
 
 
 def _shapes(scene: Scene, shape: Shape, surfaces: Surfaces, names: Names, instances: bool, offset: float) -> Plugin:
@@ -296,7 +311,7 @@ def _frame(x: Float64, y: Float64, z: Float64, origin: Float64) -> Float64:
 
 
 def _sensor(scene: Scene, near: float, sampler: Sampler, spp: int, notes: Notes) -> Plugin:
-    camera = scene.camera.at()
+    camera, background = scene.camera.at(), scene.background
     low, high = scene.bounds
     far = float(np.linalg.norm(camera.position - 0.5 * (low + high)) + np.linalg.norm(high - low))
     width, height = camera.resolution
@@ -334,7 +349,7 @@ def _sensor(scene: Scene, near: float, sampler: Sampler, spp: int, notes: Notes)
             "width": width,
             "height": height,
             "rfilter": {"type": "box"},
-            "pixel_format": "rgb",
+            "pixel_format": "rgba" if background is not None and background.transparent else "rgb",
             "component_format": "float32",
         },
     }
