@@ -768,6 +768,32 @@ def test_lights_and_vertices_are_read_back_as_they_were(tmp_path: Path) -> None:
         assert any(abs(volume - other) < 2e-3 for other in all_found)
 
 
+def test_only_emission_scales_a_float_texture_above_one(tmp_path: Path) -> None:
+    """A base colour of glTF is at most 1, and 0.5 in it stays 0.5; a factor scales emission back."""
+    image = np.full((1, 2, 3), 0.5, np.float32)
+    image[0, 1] = 4.0
+    both = Material("both", np.ones(3), roughness=1.0, texture=TextureSlot(0), emission_texture=TextureSlot(0))
+    box = box_mesh((0, 0, 0), (1, 1, 1))
+    box = replace(box, uv=np.zeros((len(box.vertices), 2)))
+    scene = replace(
+        glpath.load_scene("furnace"),
+        shapes=Shapes([Shape("box", box, 0, emission=np.ones(3))]),
+        materials=(both,),
+        textures=(Texture("bright", image),),
+        unit="photometric",
+    )
+    notes = quietly(scene, tmp_path / "a.glb")
+    assert any('texture "bright": its values above 1 are 1' in note for note in notes)
+    model = read_gltf(tmp_path / "a.glb")
+    (material,) = model.materials
+    base, emitted = (
+        model.textures[slot.texture].linear() for slot in (material.texture, material.emission_texture)
+    )
+    close(base[0, :, 0], [0.5, 1.0], 5e-3)
+    (shape,) = model.shapes
+    close(emitted[0, :, 0] * shape.emission[0], [0.5, 4.0], 2e-2)
+
+
 def test_a_file_is_turned_until_y_is_up(tmp_path: Path) -> None:
     scene = glpath.load_scene("cornell-box-36").with_camera(up=np.array([0.0, 0.1, 1.0]))
     document = _exported(scene, tmp_path)
