@@ -329,6 +329,7 @@ def write_exr(
     *,
     window: tuple[int, int, int, int] | None = None,
     full_resolution: tuple[int, int] | None = None,
+    pixel_aspect: float = 1.0,
     layers: Mapping[str, NDArray[Any]] | None = None,
     channels: Mapping[str, NDArray[np.float32]] | None = None,
     alpha: Float64 | None = None,
@@ -338,6 +339,7 @@ def write_exr(
     metadata        : string attributes of the header
     window          : (x, y, width, height) of these pixels in the whole image, y from the top; the data window
     full_resolution : (width, height) of the whole image; the display window
+    pixel_aspect    : width of a displayed pixel divided by its height
     layers          : further images (H, W) or (H, W, k) by name; `layer_channels` gives the channels of a name
     channels        : further channels (H, W) by their full names in the file
     alpha           : (H, W) opacity, written as channel A; the colours do not change
@@ -372,6 +374,7 @@ def write_exr(
         "chromaticities": REC709_CHROMATICITIES,
         "dataWindow": _box(x, y, width, height),
         "displayWindow": _box(0, 0, full_width, full_height),
+        "pixelAspectRatio": float(pixel_aspect),
         **(metadata or {}),
     }
     written = {"RGB": pixels} | {
