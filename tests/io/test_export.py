@@ -468,7 +468,10 @@ def test_a_pane_reflects_as_much_as_its_weight_says() -> None:
 
 @pytest.mark.parametrize("transmittance", [0.6, [0.82, 0.5, 0.2]])
 def test_glazing_transmits_in_mitsuba_what_its_maker_gives(transmittance: Any) -> None:
-    """Mitsuba's thin dielectric transmits 1 - 2 F / (1 + F) times its factor at normal incidence."""
+    """Mitsuba's thin dielectric reflects 2 F / (1 + F), and transmits the rest, times its factors.
+
+    The reflectance is the sum over all orders of reflections between the two faces.
+    """
     scene = glpath.load_scene(
         {
             "camera": {"position": [0, 0, 4], "target": [0, 0, 0]},
@@ -477,11 +480,13 @@ def test_glazing_transmits_in_mitsuba_what_its_maker_gives(transmittance: Any) -
             "sky": {"zenith": 1, "horizon": 1},
         }
     )
-    made = described(scene, 4).plugins["window"]
+    made, inside = described(scene, 4).plugins["window"], scene.materials[0].reflectance
     once = ((made["int_ior"] - 1.0) / (made["int_ior"] + 1.0)) ** 2
     clear = 1.0 - 2.0 * once / (1.0 + once)
     needed = np.broadcast_to(transmittance, 3)
     assert clear * np.array(made["specular_transmittance"]["value"]) == pytest.approx(needed)
+    orders = [(1.0 - once) ** 2 * once ** (2 * k + 1) * inside ** (2 * k + 2) for k in range(9)]
+    assert (1.0 - clear) * np.array(made["specular_reflectance"]["value"]) == pytest.approx(once + sum(orders))
 
 
 def test_coloured_vertices_of_a_metal_have_one_scale_in_mitsuba() -> None:

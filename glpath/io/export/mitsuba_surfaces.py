@@ -276,9 +276,10 @@ class _Surface:
             # Mitsuba has the same formula, but its glass absorbs equally at all angles.
             if np.any(material.reflectance < 1):
                 # The reflectance is the transmittance of one crossing; Mitsuba's factor is that of the whole sheet.
-                _, through = slab(1.0, material.ior, material.reflectance)
-                once = np.maximum(material.reflectance, np.finfo(float).tiny)
-                made["specular_transmittance"] = self._colour(through / clearest(material.ior) / once)
+                reflected, through = slab(1.0, material.ior, material.reflectance)
+                once, clear = np.maximum(material.reflectance, np.finfo(float).tiny), clearest(material.ior)
+                made["specular_transmittance"] = self._colour(through / clear / once)
+                made["specular_reflectance"] = rgb(reflected / max(1.0 - clear, np.finfo(float).tiny))
                 self._note("its glass absorbs alike at all angles")
             return {"type": "thindielectric", **made}
         if material.layering in ("plastic", "beside"):
