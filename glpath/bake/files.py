@@ -104,10 +104,11 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
             name = f"{shape.name} (back)" if side else shape.name
             for page, mesh in _parts(scene, atlas, number, side, uv_set=1 if moved else 0):
                 emits = shape.emits and (not side or shape.emission_two_sided)
+                emission = shape.emission if emits else np.zeros(3)
+                # Coordinates kept from the file cover one side of a triangle, whose mesh stands for both sides.
+                both = atlas.of_file and shape.emission_two_sided
                 shapes.append(
-                    Shape(
-                        name, mesh, shape.material, emission=shape.emission if emits else np.zeros(3), kind="mesh"
-                    )
+                    Shape(name, mesh, shape.material, emission=emission, emission_two_sided=both, kind="mesh")
                 )
                 page_of.append(page)
     shapes = _named_by_page(shapes, page_of)

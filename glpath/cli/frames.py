@@ -25,7 +25,7 @@ from glpath.cli.running import workers_of
 from glpath.cli.scene import Scenes
 from glpath.cli.signals import arrived, exit_code, hold, release
 from glpath.cli.unattended import watched
-from glpath.errors import GlpathError, ImageError, UsageError
+from glpath.errors import GlpathError, ImageError, UsageError, warn
 from glpath.system.files import check_outputs, replacing_links, save_all, whole_file
 from glpath.system.heartbeat import heartbeat
 from glpath.system.locks import Lock
@@ -42,7 +42,12 @@ if TYPE_CHECKING:
 
 #: Suffixes of movie files; the package imageio-ffmpeg writes them.
 MOVIES = (".mp4", ".mov", ".mkv")
-
+# Options of ffmpeg: colours by the matrix of Rec. 709, which players expect of HD, and tags that name it. Values
+# are those of the pictures, so the transfer curve is that of sRGB.
+_COLOURS = [
+    *("-vf", "scale=out_color_matrix=bt709:out_range=tv,setparams=color_primaries=bt709:color_trc=iec61966-2-1"),
+    *("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1", "-color_range", "tv"),
+]
 
 #: Maximum number of frames of one call: more than an hour at 24 frames a second.
 MAX_FRAMES = 100_000
@@ -159,20 +164,27 @@ def require_encoder(path: Path) -> None:
 
 
 def write_movie(path: Path, frames: Sequence[Path], fps: float) -> None:
-    """Encode pictures as a movie at `fps` frames a second. Raises ImageError."""
+    """Encode pictures as a movie at `fps` frames a second. Transparent pixels become white, with a warning.
+
+    Raises ImageError.
+    """
     from imageio import v2 as imageio
 
-    from glpath.film.image import read_eight_bits
+    from glpath.film.image import over_white, read_eight_bits
 
+    transparent = False
     with whole_file(path) as temporary:
-        settings: dict[str, Any] = {"fps": fps, "macro_block_size": 1, "quality": 8}
+        settings: dict[str, Any] = {"fps": fps, "macro_block_size": 1, "quality": 8, "output_params": _COLOURS}
         movie: Any = imageio.get_writer(temporary, format="FFMPEG", **settings)
         with movie:
             for frame in frames:
                 picture = read_eight_bits(frame)
                 if picture is None:
                     raise ImageError(f"{frame}: is not a picture of 8 bits, which a movie is made of.")
-                movie.append_data(_even(picture))
+                transparent |= picture.shape[2] == 4
+                movie.append_data(_even(over_white(picture)))
+    if transparent:
+        warn(f"{path}: a movie has no alpha channel, so that its background is white; a .png has one.", late=True)
 
 
 def _even(picture: NDArray[Any]) -> NDArray[Any]:

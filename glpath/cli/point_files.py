@@ -114,8 +114,8 @@ class Grid:
         """Return the position of the grid as text, with a hint if the plane is not horizontal."""
         a, b, c, d = self.extent
         u, v = (AXES[i] for i in self.across)
-        ranges = f"{u} from {_at(a)} to {_at(b)}, {v} from {_at(c)} to {_at(d)}"
-        text = f"plane: {AXES[self.axis]} = {_at(self.height)}, {ranges}"
+        ranges = f"{u} from {coordinate(a)} to {coordinate(b)}, {v} from {coordinate(c)} to {coordinate(d)}"
+        text = f"plane: {AXES[self.axis]} = {coordinate(self.height)}, {ranges}"
         up = np.abs(scene.camera.up)
         upright = int(np.argmax(up))
         if upright == self.axis or not up[upright] > 0.99 * np.linalg.norm(up):
@@ -228,7 +228,7 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
     axis = int(nearest.argmax())
     if (upper - lower)[axis] <= 1e-3 * size and nearest[axis] <= size:
         return  # points near a scene that is flat along this axis, such as open ground
-    low, high = _at(lower[axis]), _at(upper[axis])
+    low, high = coordinate(lower[axis]), coordinate(upper[axis])
     text = f"{option}: all points lie outside the scene, which reaches from {AXES[axis]} = {low} to {high}"
     if nearest[axis] > size:
         raise UsageError(
@@ -240,9 +240,9 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
     warn(text + other)
 
 
-def _at(x: float) -> str:
-    """Return a coordinate as text: four significant digits, or two decimals from 10,000 units on."""
-    return f"{x:.4g}" if abs(x) < 1e4 else f"{x:.2f}"
+def coordinate(x: float) -> str:
+    """Return a coordinate as text: four significant digits, or two decimals from 1,000 units on."""
+    return f"{x:.4g}" if abs(x) < 1e3 else f"{x:.2f}"
 
 
 def _apart(spacing: str) -> float:

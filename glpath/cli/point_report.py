@@ -19,7 +19,7 @@ import numpy as np
 
 from glpath.cli.measured import Measured
 from glpath.cli.point_figures import with_error
-from glpath.cli.point_files import AXES, Grid, Points
+from glpath.cli.point_files import AXES, Grid, Points, coordinate
 from glpath.cli.scene import light_of
 from glpath.cli.scene_summary import about_lights
 from glpath.film.charts import colour_range, false_colours, field
@@ -54,7 +54,7 @@ def plan(measured: Measured, caption: str) -> np.ndarray[Any, np.dtype[np.uint8]
     grid = measured.at.grid
     assert grid is not None, "asked for before"
     return field(
-        f"{measured.title}, {AXES[grid.axis]} = {grid.height:g}",
+        f"{measured.title}, {AXES[grid.axis]} = {_six_digits(grid.height)}",
         caption,
         measured.values.reshape(grid.shape),
         grid.extent,
@@ -119,8 +119,9 @@ def _where(at: Points) -> Iterator[tuple[str, str]]:
         return
     u, v = (AXES[i] for i in grid.across)
     a, b, c, d = grid.extent
-    yield "plane", f"{AXES[grid.axis]} = {grid.height:g}, facing {', '.join(f'{x:g}' for x in at.normals[0])}"
-    yield "area", f"{u} from {a:.4g} to {b:.4g}, {v} from {c:.4g} to {d:.4g}"
+    facing = ", ".join(f"{x:g}" for x in at.normals[0])
+    yield "plane", f"{AXES[grid.axis]} = {_six_digits(grid.height)}, facing {facing}"
+    yield "area", f"{u} from {coordinate(a)} to {coordinate(b)}, {v} from {coordinate(c)} to {coordinate(d)}"
     yield "grid", f"{grid.shape[1]} x {grid.shape[0]} points, {grid.apart} apart"
     yield "EN 12464-1", grid.beside_en_12464
 
@@ -135,7 +136,7 @@ def _lamps(scene: Scene) -> Iterator[str]:
     for lamp in lamps:
         lumens = None if lamp["power"] is None else to_lumens * float(luminance(np.array(lamp["power"])))
         total += lumens or 0.0
-        position = ", ".join(f"{x:.4g}" for x in lamp.get("position", ()))
+        position = ", ".join(map(coordinate, lamp.get("position", ())))
         factor = lamp.get("maintenance_factor", 1.0)
         rows.append(
             (lamp["name"], lamp["kind"], position, "" if lumens is None else _lumens(lumens), f"{factor:g}")
@@ -163,8 +164,8 @@ def _values_on_the_plan(measured: Measured, grid: Grid) -> Iterator[str]:
             else f'<td style="background:{background};color:{ink}">{_lux(value)}</td>'
             for value, background, ink in zip(values[i], backgrounds[i], inks[i], strict=True)
         )
-        yield f"<tr><th>{AXES[grid.across[1]]} {second[i]:.4g}</th>{''.join(cells)}</tr>"
-    ends = "".join(f"<th>{x:.4g}</th>" for x in first)
+        yield f"<tr><th>{AXES[grid.across[1]]} {coordinate(second[i])}</th>{''.join(cells)}</tr>"
+    ends = "".join(f"<th>{coordinate(x)}</th>" for x in first)
     yield f"</tbody><tfoot><tr><th>{AXES[grid.across[0]]}</th>{ends}</tr></tfoot></table></div>"
 
 
@@ -174,6 +175,11 @@ def _colours(values: np.ndarray[Any, Any], ends: tuple[float, float]) -> tuple[l
     bright = luminance(colours) > 0.45
     named = [["#" + "".join(f"{round(255 * x):02x}" for x in colour) for colour in row] for row in colours.tolist()]
     return named, [["#222" if light else "#fff" for light in row] for row in bright.tolist()]
+
+
+def _six_digits(x: float) -> str:
+    """Return a coordinate as text: six significant digits, or two decimals from 1,000 units on."""
+    return f"{x:g}" if abs(x) < 1e3 else coordinate(x)
 
 
 def _lux(value: float) -> str:
@@ -189,7 +195,12 @@ def _table_of_points(measured: Measured) -> Iterator[str]:
     found, at = measured.found, measured.at
     lux, errors = found.illuminance(), found.illuminance_errors()
     rows = [
-        (*(f"{x:.6g}" for x in (*at.points[i], *at.normals[i])), f"{lux[i]:.4g}", f"{errors[i]:.2g}")
+        (
+            *map(_six_digits, at.points[i]),
+            *(f"{x:.6g}" for x in at.normals[i]),
+            f"{lux[i]:.4g}",
+            f"{errors[i]:.2g}",
+        )
         for i in range(min(len(lux), _POINT_ROWS))
     ]
     symbol = "E" if measured.unit == "lx" else "D"

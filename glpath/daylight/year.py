@@ -196,7 +196,8 @@ class DaylightYear:
             columns = self.columns()
             table = np.stack(list(columns.values()), axis=1)
             with whole_file(path) as part:
-                np.savetxt(part, table, "%.7g", ",", header=",".join(columns), comments="")
+                formats = ["%.15g"] * 3 + ["%.7g"] * (len(columns) - 3)  # coordinates may be those of a map
+                np.savetxt(part, table, formats, ",", header=",".join(columns), comments="")
             return
         check_hours(path, len(self), len(self.weather.times), hours)
         found = self.to_xarray(hours)

@@ -152,6 +152,7 @@ class Film(FilmErrors):
                 self.provenance() | {key: text for header in headers for key, text in header.items()},
                 window=self.metadata.window,
                 full_resolution=self.metadata.full_resolution,
+                pixel_aspect=self.metadata.pixel_aspect,
                 layers=({"denoised": self.denoised()} if denoise else {})
                 | {name: self._layer(name) for name in self.metadata.aovs},
                 channels={name: pixels for matte in mattes for name, pixels in matte.channels().items()},

@@ -286,6 +286,14 @@ def write_png(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | No
         temporary.write_bytes(encode_png(picture, metadata))
 
 
+def over_white(picture: UInt8) -> UInt8:
+    """Return an 8-bit image (H, W, 3); transparent pixels of (H, W, 4) become white."""
+    if picture.shape[2] == 3:
+        return picture
+    opacity = picture[..., 3:] / 255.0
+    return np.round(opacity * picture[..., :3] + 255.0 * (1.0 - opacity)).astype(np.uint8)
+
+
 def write_jpeg(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | None = None) -> None:
     """Write (H, W, 3) uint8 sRGB, row 0 at the top, as a JPEG. Transparent pixels of (H, W, 4) become white.
 
@@ -300,15 +308,11 @@ def write_jpeg(path: str | Path, picture: UInt8, metadata: Mapping[str, str] | N
         raise UsageError(
             f"{path}: {width} x {height} pixels; a JPEG has {_MAX_JPEG:,} along a side at most.", "Write a .png."
         )
-    opaque = picture[..., :3]
-    if picture.shape[2] == 4:
-        opacity = picture[..., 3:] / 255.0
-        opaque = np.round(opacity * opaque + 255.0 * (1.0 - opacity)).astype(np.uint8)
     comment = json.dumps(dict(metadata or {})).encode()
     if len(comment) > _MAX_COMMENT:
         comment = b""
     with whole_file(path) as temporary:
-        Image.fromarray(opaque).save(
+        Image.fromarray(over_white(picture)).save(
             temporary,
             "JPEG",
             quality=_JPEG_QUALITY,
@@ -325,6 +329,7 @@ def write_exr(
     *,
     window: tuple[int, int, int, int] | None = None,
     full_resolution: tuple[int, int] | None = None,
+    pixel_aspect: float = 1.0,
     layers: Mapping[str, NDArray[Any]] | None = None,
     channels: Mapping[str, NDArray[np.float32]] | None = None,
     alpha: Float64 | None = None,
@@ -334,6 +339,7 @@ def write_exr(
     metadata        : string attributes of the header
     window          : (x, y, width, height) of these pixels in the whole image, y from the top; the data window
     full_resolution : (width, height) of the whole image; the display window
+    pixel_aspect    : width of a displayed pixel divided by its height
     layers          : further images (H, W) or (H, W, k) by name; `layer_channels` gives the channels of a name
     channels        : further channels (H, W) by their full names in the file
     alpha           : (H, W) opacity, written as channel A; the colours do not change
@@ -368,6 +374,7 @@ def write_exr(
         "chromaticities": REC709_CHROMATICITIES,
         "dataWindow": _box(x, y, width, height),
         "displayWindow": _box(0, 0, full_width, full_height),
+        "pixelAspectRatio": float(pixel_aspect),
         **(metadata or {}),
     }
     written = {"RGB": pixels} | {

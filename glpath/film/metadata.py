@@ -23,6 +23,7 @@ _METADATA_TYPES: dict[str, type | UnionType] = {
     "noisy biased transparent": bool,
     "settings versions statistics": dict,
     "error_bound solution_error": int | float | None,
+    "pixel_aspect": int | float,
 }
 # Statistics that are a single count or time, and statistics that map names to counts or times.
 _COUNTS = ("paths_cast", "paths_lost", "paths_cut", "dropped_samples", "radiosity_s")
@@ -64,6 +65,7 @@ class FilmMetadata:
     noisy           : True if another seed gives another image, so that comparisons must account for noise
     full_resolution : (width, height) of the whole image, pixels
     window          : (x, y, width, height) of the film's crop, pixels, y from the top
+    pixel_aspect    : width of the camera's pixels divided by their height; 1 in older files
     device          : name of the renderer; several, joined by " + ", after merging
     versions        : names and versions of the programs involved
     elapsed_s       : seconds from the call, or from the start of the command's process, to the last path set;
@@ -116,6 +118,7 @@ class FilmMetadata:
     material_names: tuple[str, ...] = ()
     shape_materials: tuple[int, ...] = ()
     position_origin: tuple[float, float, float] | None = None
+    pixel_aspect: float = 1.0
 
     def __post_init__(self) -> None:
         # Stored as JSON values from the start (a tuple becomes a list), so that a film read from a file can be
@@ -142,12 +145,14 @@ class FilmMetadata:
     def as_strings(self) -> dict[str, str]:
         """Return every field as text, under names for a file's header: glpath.scene, glpath.seed, ...
 
-        Names of shapes and materials are left out, because they may be many, and are in a Cryptomatte's manifest.
+        A usual pixel aspect and unknown values are left out. So are names of shapes and materials, because they may
+        be many, and are in a Cryptomatte's manifest.
         """
         plain = {
             key: value if isinstance(value, str) else json.dumps(value)
             for key, value in asdict(self).items()
             if key not in _NAMES and not (key in ("position_origin", "solution_error") and value is None)
+            if (key, value) != ("pixel_aspect", 1.0)
         }
         return {f"glpath.{key}": value for key, value in plain.items()}
 
@@ -185,6 +190,10 @@ def metadata_of(stored: Mapping[str, Any]) -> FilmMetadata:
     for name in (BIAS_PROBE, REJECTED_GATHER):
         if name in metadata.statistics:
             check_probe(metadata.statistics[name])
+    if not (_is_number(metadata.pixel_aspect) and metadata.pixel_aspect > 0):
+        raise ValueError(
+            f"pixel_aspect in its metadata is {shown(metadata.pixel_aspect)}, expected a number above 0"
+        )
     _check_names(metadata)
     origin = metadata.position_origin
     if origin is not None and not (len(origin) == 3 and all(map(_is_number, origin))):

@@ -304,7 +304,7 @@ class RadiositySolution:
         another scene.
         """
         self.check_scene(scene)
-        corners = path_traceable(scene.still()).triangles
+        corners = path_traceable(scene.still(), centred=False).triangles
         points, faces = [], []
         for number, n in enumerate(self.divisions.tolist()):
             b1, b2 = lattice.vertex_barycentrics(n).T[:, :, None]

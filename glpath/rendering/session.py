@@ -365,6 +365,7 @@ def metadata_of(job: RenderJob, plan: Plan, scene: Scene, context: Context | Non
         settings=_recorded(job, plan),
         full_resolution=job.sensor.resolution,
         window=job.window,
+        pixel_aspect=job.sensor.pixel_aspect if isinstance(job.sensor, CameraSensor) else 1.0,
         noisy=plan.settings.noisy,
         biased=plan.settings.biased,
         exposure=scene.exposure,

@@ -50,13 +50,16 @@ def _sees_anything(scene: Scene) -> bool:
 
 
 def sees_nearer(scene: Scene, depth: float) -> bool:
-    """Return True if the view pyramid contains a part of a triangle or sphere that is nearer than `depth`.
+    """Return True if the view pyramid contains a part of a shape that is nearer than `depth`.
 
     depth : along the view axis of a perspective camera
 
-    Spheres count as a whole if their nearest point is nearer. Planes and streams do not count.
+    Spheres count as a whole if their nearest point is nearer. Streams do not count.
     """
     camera = scene.camera
+    height = np.einsum("pi,pi->p", scene.planes[:, :, 2], camera.position - scene.planes[:, :, 3])[:, None]
+    if np.any(height * (height + depth * (scene.planes[:, :, 2] @ camera.corner_rays().T)) < 0):
+        return True
     forward = camera.frame()[2]
     extent = np.linalg.norm(forward @ scene.spheres[:, :, :3], axis=1)
     spheres = scene.spheres[(scene.spheres[:, :, 3] - camera.position) @ forward - extent < depth]

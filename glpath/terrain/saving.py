@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import io
+import re
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import ImageError, UsageError
+from glpath.errors import ImageError, UsageError, warn
 from glpath.system.files import reason_of, whole_file, write_bytes
 from glpath.terrain.reading import package_for
 
@@ -82,10 +84,17 @@ def _save_geotiff(path: Path, found: Horizon, values: NDArray[Any]) -> None:
         "compress": "deflate",
         "predictor": 3,
     }
-    # GDAL opens the file by its name; it cannot write to an open file.
-    with whole_file(path) as part:
+    # GDAL opens the file by its name; it cannot write to an open file. Without PAM, it writes no file beside it.
+    with whole_file(path) as part, rasterio.Env(GDAL_PAM_ENABLED="NO"):
         try:
             with rasterio.open(part, "w", **made) as raster:
                 raster.write(values.astype(np.float32), 1)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+                with rasterio.open(part) as raster:
+                    is_whole = not field.crs or raster.crs == rasterio.crs.CRS.from_user_input(field.crs)
         except (rasterio.errors.RasterioError, ValueError) as error:  # CRSError is a ValueError
             raise ImageError(f"{path}: cannot be written: {reason_of(error)}.") from error
+    if not is_whole:
+        name = (re.findall('"(.*?)"', field.crs) or [field.crs])[0]
+        warn(f'{path}: a GeoTIFF cannot store its coordinate reference system "{name}": set it by hand.', late=True)

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import glpath
 from glpath.bake import atlas
 from glpath.bake.atlas import Atlas
-from glpath.bake.files import radiance_of
+from glpath.bake.files import radiance_of, write_kept
 from glpath.bake.lightmap import Bake, Lightmap, Surfaces
 from glpath.bake.pages import pages_of
 from glpath.bake.sides import Sides
@@ -413,6 +413,21 @@ def test_coordinates_of_the_file_are_kept_if_they_are_an_unwrapping() -> None:
         Surfaces.of(with_uv1(GOOD, apart=0.1), size=40, uv="keep")
     with pytest.raises(SceneError, match="no second texture coordinates"):
         Surfaces.of(scene_of(FLOOR, LAMP), size=40, uv="keep")
+
+
+def test_a_two_sided_lamp_with_kept_coordinates_stays_two_sided(tmp_path: Path) -> None:
+    scene = with_uv1(GOOD)
+    shapes = tuple(replace(shape, emission_two_sided=shape.emits) for shape in scene.shapes)
+    materials = tuple(replace(material, two_sided=True) for material in scene.materials)
+    surfaces = Surfaces.of(replace(scene, shapes=shapes, materials=materials), size=40, uv="keep")
+    page = np.ones((1, 40, 40, 3), np.float32)
+    made = Mock(scene=surfaces.scene, atlas=surfaces.atlas, irradiance=page, denoised=False, quality=dict)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_kept(made, tmp_path / "a.glb", False)
+    read = load_scene(tmp_path / "a.glb")
+    (lamp,) = (shape for shape in read.shapes if shape.emits)
+    assert lamp.emission_two_sided
 
 
 @pytest.mark.parametrize(("lamps", "side"), [("above", 0), ("below", 1), ("above and below", 0)])

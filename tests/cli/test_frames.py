@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,10 @@ from PIL import Image
 from typer.testing import CliRunner, Result
 
 import glpath
+from glpath.cli.frames import write_movie
 from glpath.cli.main import app
+from glpath.errors import SceneWarning
+from glpath.film.image import write_png
 
 MOVING = """
 [camera]
@@ -108,6 +112,40 @@ def test_a_movie_has_the_frames(scene, tmp_path):
         picture, _ = opened(tmp_path / f"f-{i:04}.png")
         assert np.abs(frame[:, :21].astype(float) - picture).mean() < 12
     assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_movie_has_the_colours_of_rec_709(tmp_path):
+    """Rec. ITU-R BT.709-6, 3.4 and 4.6: luma is 0.2126 R + 0.7152 G + 0.0722 B, from 16 to 235."""
+    ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
+    colours = np.repeat(np.array([[[200, 40, 20], [30, 180, 40]]], np.uint8), 8, axis=1)
+    write_png(tmp_path / "f.png", np.repeat(colours, 16, axis=0))
+    write_movie(tmp_path / "f.mp4", [tmp_path / "f.png"], 10)
+    command = [ffmpeg, "-i", tmp_path / "f.mp4", "-f", "rawvideo", "-pix_fmt", "yuv420p", "-"]
+    done = subprocess.run(command, capture_output=True, check=True)
+    y, u, v = done.stdout[:256], done.stdout[256:320], done.stdout[320:384]
+    luma = np.array([0.2126, 0.7152, 0.0722])
+    for column, (r, g, b) in ((3, (200, 40, 20)), (12, (30, 180, 40))):
+        whole = luma @ (r, g, b) / 255
+        assert y[8 * 16 + column] == pytest.approx(16 + 219 * whole, abs=2)
+        assert u[4 * 8 + column // 2] == pytest.approx(128 + 224 * (b / 255 - whole) / 1.8556, abs=2)
+        assert v[4 * 8 + column // 2] == pytest.approx(128 + 224 * (r / 255 - whole) / 1.5748, abs=2)
+    assert b"(tv, bt709/bt709/iec61966-2-1" in done.stderr
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_transparent_frames_of_a_movie_are_over_white(tmp_path):
+    imageio = pytest.importorskip("imageio.v2")
+    pytest.importorskip("imageio_ffmpeg")
+    picture = np.full((16, 16, 4), (255, 0, 0, 0), np.uint8)
+    picture[:, 8:, 3] = 128
+    write_png(tmp_path / "f.png", picture)
+    with pytest.warns(SceneWarning, match="a movie has no alpha channel, so that its background is white"):
+        write_movie(tmp_path / "f.mp4", [tmp_path / "f.png"], 10)
+    with imageio.get_reader(tmp_path / "f.mp4") as movie:
+        found = np.asarray(movie.get_data(0)).astype(float)
+    for column, expected in ((3, (255, 255, 255)), (12, (255, 127, 127))):
+        assert found[8, column] == pytest.approx(expected, abs=4)
 
 
 def test_workers_render_the_same_frames(scene, tmp_path):

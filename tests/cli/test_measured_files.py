@@ -131,6 +131,31 @@ def test_a_report_of_points_has_them_in_a_table(measured: Measured, tmp_path: Pa
     np.testing.assert_allclose(np.array(rows, float)[:, 6], measured.found.illuminance(), rtol=1e-3)
 
 
+@pytest.mark.parametrize("away", [[500_000.0, 5_800_000.0, 0.0], [4_000.0, 1_200.0, 0.0]])
+def test_a_report_of_a_georeferenced_model_has_its_coordinates(
+    measured: Measured, away: list[float], tmp_path: Path
+) -> None:
+    grid = measured.at.grid
+    assert grid is not None
+    at = replace(measured.at, points=measured.at.points + away)
+    x, y, _ = away
+    at = replace(at, grid=replace(grid, first=(grid.first[0] + x, grid.first[1] + y)))
+    lamp = replace(measured.scene.lights[0], position=measured.scene.lights[0].position + away)
+    moved = replace(measured, at=at, scene=replace(measured.scene, lights=(lamp,)))
+    save_report(tmp_path / "lux.html", moved)
+    rows = Page((tmp_path / "lux.html").read_text(encoding="utf-8")).rows
+    labels = [float(row[0].split()[1]) for row in rows if row and row[0].startswith("y ")]
+    assert labels == [y + 1.5, y + 0.5, y - 0.5, y - 1.5]
+    assert [float(cell) for cell in rows[-1][1:]] == [x - 2.5, x - 1.5, x - 0.5, x + 0.5, x + 1.5, x + 2.5]
+    (area,) = (row[1] for row in rows if row and row[0] == "area")
+    assert [float(part) for part in re.findall(r"-?[0-9.]+", area)] == [x - 3, x + 3, y - 2, y + 2]
+    (place,) = (row[2] for row in rows if row and row[0] == "lamp <1>")
+    assert [float(part) for part in place.split(",")] == [x, y, 2]
+    save_report(tmp_path / "points.html", replace(moved, at=replace(at, grid=None)))
+    table = [row for row in Page((tmp_path / "points.html").read_text(encoding="utf-8")).rows if len(row) == 8][1:]
+    assert np.array_equal(np.array(table, float)[:, :3], at.points)
+
+
 def test_large_grids_are_thinned_on_the_plan(tmp_path: Path) -> None:
     scene = glpath.load_scene(ROOM)
     at = grid_of("z=0.5", "0.05", None, scene)

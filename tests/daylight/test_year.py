@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -224,6 +225,13 @@ def test_files_have_what_the_year_has(of_open_ground: DaylightYear, tmp_path: Pa
     assert row["irradiation_07"] == pytest.approx(of_open_ground.irradiation[0, 6], rel=1e-6)
     with pytest.raises(UsageError, match=r"\.nc or \.csv"):
         of_open_ground.save(tmp_path / "year.txt")
+
+
+def test_csv_has_georeferenced_sensors_where_they_are(of_open_ground: DaylightYear, tmp_path: Path) -> None:
+    points = np.array([[500_000.25, 5_800_123.125, 1.5]])
+    moved = replace(of_open_ground, coefficients=replace(of_open_ground.coefficients, points=points))
+    moved.save(tmp_path / "year.csv")
+    assert np.loadtxt(tmp_path / "year.csv", delimiter=",", skiprows=1)[:3].tolist() == points[0].tolist()
 
 
 def test_more_hours_than_a_file_takes_are_refused() -> None:

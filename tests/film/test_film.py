@@ -235,6 +235,26 @@ def test_exr_and_png_hold_the_picture_and_how_it_was_made(make_film: MakeFilm, t
     assert not np.array_equal(iio.imread(tmp_path / "a.png"), iio.imread(_png(film)))
 
 
+@pytest.mark.parametrize("aspect", [1.0, 2.0])
+def test_exr_has_the_pixel_aspect_of_the_camera(aspect: float, tmp_path: Path) -> None:
+    """OpenEXR: pixelAspectRatio is the width of a displayed pixel divided by its height, as in `Camera`."""
+    camera = {"pixel_aspect": aspect}
+    film = glpath.render("cornell-box-36", camera=camera, resolution=(4, 4), spp=1, max_depth=1, integrator="path")
+    film.save(tmp_path / "a.npz")
+    Film.load(tmp_path / "a.npz").save(tmp_path / "a.exr")
+    header = OpenEXR.File(str(tmp_path / "a.exr")).header()
+    assert header["pixelAspectRatio"] == aspect
+    assert ("glpath.pixel_aspect" in header) is (aspect != 1)
+
+
+@pytest.mark.parametrize("aspect", [0.0, -1.0, float("nan"), float("inf"), True, "2"])
+def test_a_pixel_aspect_that_is_none_is_refused(aspect: object, make_film: MakeFilm) -> None:
+    metadata = asdict(make_film().metadata)
+    assert metadata_of({key: value for key, value in metadata.items() if key != "pixel_aspect"}).pixel_aspect == 1
+    with pytest.raises(ValueError, match="pixel_aspect in its metadata is"):
+        metadata_of(metadata | {"pixel_aspect": aspect})
+
+
 def _png(film: Film) -> io.BytesIO:
     png = film._repr_mimebundle_()["image/png"]
     assert isinstance(png, bytes)

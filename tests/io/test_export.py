@@ -21,6 +21,7 @@ from glpath.io.export.geometry import Notes, in_triangles
 from glpath.io.export.mitsuba import described
 from glpath.io.gltf.load import Model, read_gltf
 from glpath.io.library import shipped_scenes
+from glpath.scene.background import Background
 from glpath.scene.material import SLOTS
 from glpath.scene.model import (
     Camera,
@@ -290,6 +291,72 @@ def test_a_scene_of_only_an_endless_plane_has_a_near_plane_in_mitsuba() -> None:
     assert 0 < sensor["near_clip"] < 1 < sensor["far_clip"]
 
 
+@pytest.mark.parametrize("lamp", [False, True])
+def test_a_transparent_background_is_read_back_from_the_xml(lamp: bool, tmp_path: Path) -> None:
+    """Mitsuba's `hide_emitters` hides the sky, and area lights as well; alpha needs pixels of format rgba."""
+    emission = {"emission": {"radiance": 1}} if lamp else {}
+    scene = glpath.load_scene(
+        {
+            "camera": {"position": [0, 0, 4], "target": [0, 0, 0]},
+            "sky": {"zenith": 1, "horizon": 1},
+            "shapes": [{"type": "box", "min": [0, 0, 0], "max": [1, 1, 1]} | emission],
+        },
+        {"background": "transparent"},
+    )
+    notes = quietly(scene, tmp_path / "a.xml")
+    film = ElementTree.parse(tmp_path / "a.xml").find("sensor/film/string[@name='pixel_format']")
+    assert film is not None
+    assert film.attrib["value"] == "rgba"
+    assert any("the camera does not see shapes that emit" in note for note in notes) is lamp
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)
+        background = glpath.load_scene(tmp_path / "a.xml").background
+    assert background is not None
+    assert background.transparent
+
+
+def test_backgrounds_that_mitsuba_lacks_are_reported() -> None:
+    scene = glpath.load_scene("furnace")
+    for ground, text in ((None, "the background is left out"), (np.zeros(3), "the background and its shadow are")):
+        notes = described(replace(scene, background=Background(np.ones(3), ground=ground)), 2).differences
+        assert any(text in note for note in notes)
+    assert not any("background" in text for text in described(scene, 2).differences)
+
+
+WIDE = {"type": "quad", "corners": [[-1e4, 0, 1e4], [1e4, 0, 1e4], [1e4, 0, -1e4], [-1e4, 0, -1e4]]}
+ENDLESS = {"type": "plane", "point": [0, 0, 0], "normal": [0, 1, 0]}
+
+
+@pytest.mark.parametrize(
+    ("ground", "box", "camera"),
+    [
+        (WIDE, [[-0.5, 1, -2], [0.5, 2, -1]], {}),
+        (WIDE, [[-0.5, 1, -2], [0.5, 2, -1]], {"type": "orthographic", "height": 2}),
+        (WIDE, [[-0.5, 1, -2], [0.5, 2, -1]], {"type": "panorama"}),
+        (ENDLESS, [[-1e4, 0, -1e4], [1e4, 2e4, -1e3]], {"target": [0, -2, -1]}),
+    ],
+)
+def test_near_planes_hide_nothing_in_a_wide_scene(ground: Any, box: Any, camera: Any, tmp_path: Path) -> None:
+    """What is nearest in view, the box or the ground below the camera, is more than 0.9 in front of the camera."""
+    view = {"position": [0, 1.7, 0], "target": [0, 1.7, -1]} | camera
+    shapes = [ground, {"type": "box", "min": box[0], "max": box[1]}]
+    scene = glpath.load_scene({"camera": view, "sky": {"zenith": 1, "horizon": 1}, "shapes": shapes})
+    assert 0 < described(scene, 2).plugins["sensor"]["near_clip"] < 0.9
+    quietly(scene, tmp_path / "a.glb")
+    made = ReadGlb.of(tmp_path / "a.glb").json["cameras"][0]
+    assert 0 <= made[made["type"]]["znear"] < 0.9
+
+
+def test_cameras_of_a_scene_without_size_have_the_depths_that_gltf_demands(tmp_path: Path) -> None:
+    """glTF 2.0, camera.perspective: znear > 0; camera.orthographic: zfar > znear."""
+    scene = replace(glpath.load_scene("furnace"), shapes=Shapes([]))
+    for projection in ("perspective", "orthographic"):
+        quietly(replace(scene, camera=replace(scene.camera, projection=projection)), tmp_path / "a.glb")
+        made = ReadGlb.of(tmp_path / "a.glb").json["cameras"][0][projection]
+        assert made.get("zfar", np.inf) > made["znear"] >= 0
+        assert projection == "orthographic" or made["znear"] > 0
+
+
 @pytest.mark.parametrize("turn", [np.eye(2, 3), np.diag([-2.0, 3.0, 1.0])[:2], np.eye(3)[[1, 0]] * [1, -1, 1]])
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_green_of_a_normal_map_is_along_n_cross_u_in_mitsuba(mirrored: bool, turn: Any) -> None:
@@ -397,6 +464,39 @@ def test_a_pane_reflects_as_much_as_its_weight_says() -> None:
         once = ((index - 1.0) / (index + 1.0)) ** 2
         assert 2.0 * once / (1.0 + once) == pytest.approx(reflected, abs=1e-12)
         assert any("its thin dielectric reflects" in text for text in made.differences) is (weight > 0)
+
+
+@pytest.mark.parametrize("transmittance", [0.6, [0.82, 0.5, 0.2]])
+def test_glazing_transmits_in_mitsuba_what_its_maker_gives(transmittance: Any) -> None:
+    """Mitsuba's thin dielectric reflects 2 F / (1 + F), and transmits the rest, times its factors.
+
+    The reflectance is the sum over all orders of reflections between the two faces.
+    """
+    scene = glpath.load_scene(
+        {
+            "camera": {"position": [0, 0, 4], "target": [0, 0, 0]},
+            "materials": {"window": {"type": "glazing", "transmittance": transmittance}},
+            "shapes": [{"type": "box", "min": [0, 0, 0], "max": [1, 1, 1], "material": "window"}],
+            "sky": {"zenith": 1, "horizon": 1},
+        }
+    )
+    made, inside = described(scene, 4).plugins["window"], scene.materials[0].reflectance
+    once = ((made["int_ior"] - 1.0) / (made["int_ior"] + 1.0)) ** 2
+    clear = 1.0 - 2.0 * once / (1.0 + once)
+    needed = np.broadcast_to(transmittance, 3)
+    assert clear * np.array(made["specular_transmittance"]["value"]) == pytest.approx(needed)
+    orders = [(1.0 - once) ** 2 * once ** (2 * k + 1) * inside ** (2 * k + 2) for k in range(9)]
+    assert (1.0 - clear) * np.array(made["specular_reflectance"]["value"]) == pytest.approx(once + sum(orders))
+
+
+def test_coloured_vertices_of_a_metal_have_one_scale_in_mitsuba() -> None:
+    """Mitsuba's `scale` of a mesh attribute is a number; an array would be written as a transform."""
+    gold = Material("gold", np.ones(3), roughness=0.3, metallic=1.0, metal_index=(np.full(3, 0.2), np.full(3, 3.0)))
+    box = box_mesh((0, 0, 0), (1, 1, 1))
+    shape = Shape("box", replace(box, colours=np.ones((len(box.vertices), 4))), 0)
+    scene = replace(glpath.load_scene("furnace"), shapes=Shapes([shape]), materials=(gold,))
+    reflectance = described(scene, 4).plugins["gold"]["bsdf"]["specular_reflectance"]
+    assert type(reflectance["scale"]) is float
 
 
 def test_a_dielectric_that_reflects_like_a_metal_is_told_of(tmp_path: Path) -> None:
@@ -673,6 +773,32 @@ def test_lights_and_vertices_are_read_back_as_they_were(tmp_path: Path) -> None:
         assert any(abs(volume - other) < 2e-3 for other in all_found)
 
 
+def test_only_emission_scales_a_float_texture_above_one(tmp_path: Path) -> None:
+    """A base colour of glTF is at most 1, and 0.5 in it stays 0.5; a factor scales emission back."""
+    image = np.full((1, 2, 3), 0.5, np.float32)
+    image[0, 1] = 4.0
+    both = Material("both", np.ones(3), roughness=1.0, texture=TextureSlot(0), emission_texture=TextureSlot(0))
+    box = box_mesh((0, 0, 0), (1, 1, 1))
+    box = replace(box, uv=np.zeros((len(box.vertices), 2)))
+    scene = replace(
+        glpath.load_scene("furnace"),
+        shapes=Shapes([Shape("box", box, 0, emission=np.ones(3))]),
+        materials=(both,),
+        textures=(Texture("bright", image),),
+        unit="photometric",
+    )
+    notes = quietly(scene, tmp_path / "a.glb")
+    assert any('texture "bright": its values above 1 are 1' in note for note in notes)
+    model = read_gltf(tmp_path / "a.glb")
+    (material,) = model.materials
+    base, emitted = (
+        model.textures[slot.texture].linear() for slot in (material.texture, material.emission_texture)
+    )
+    close(base[0, :, 0], [0.5, 1.0], 5e-3)
+    (shape,) = model.shapes
+    close(emitted[0, :, 0] * shape.emission[0], [0.5, 4.0], 2e-2)
+
+
 def test_a_file_is_turned_until_y_is_up(tmp_path: Path) -> None:
     scene = glpath.load_scene("cornell-box-36").with_camera(up=np.array([0.0, 0.1, 1.0]))
     document = _exported(scene, tmp_path)
@@ -768,6 +894,13 @@ def test_mistakes_are_explained_and_nothing_is_written(
 def test_xml_whose_name_is_not_text_is_refused(tmp_path: Path) -> None:
     with pytest.raises(glpath.GlpathError, match="its name is not UTF-8 text"):
         glpath.export("cornell-box-36", tmp_path / "a\udcff.xml")
+    assert not list(tmp_path.iterdir())
+
+
+def test_xml_whose_name_has_a_parameter_of_mitsuba_is_refused(tmp_path: Path) -> None:
+    """Mitsuba replaces $NAME in all attributes, and the XML names the folder of its files."""
+    with pytest.raises(glpath.GlpathError, match=r"holds \$"):
+        glpath.export("cornell-box", tmp_path / "a$b.xml")
     assert not list(tmp_path.iterdir())
 
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from glpath import GlpathError, RadiositySolution, SceneError, UsageError, load_scene
 from glpath.radiosity.mesh import lattice
 from glpath.scene import path_traceable
+from glpath.scene.geometry import Shapes
 
 PARTS = np.array([0.25, 0.75])[:, None, None, None]
 
@@ -63,6 +64,16 @@ def test_the_lattice_counts_every_vertex_and_element_once(n):
 def test_tables_of_all_lattices_are_those_of_each_in_turn(divisions):
     found = lattice.of_all(np.array(divisions, np.int64), lattice.element_vertices)
     assert found.tolist() == [row for n in divisions for row in lattice.element_vertices(n).tolist()]
+
+
+def test_vtk_of_a_georeferenced_scene_has_its_coordinates(box):
+    away = np.array([500_000.0, 5_800_000.0, 30.0])
+    shift = np.concatenate([np.zeros((3, 3)), away[:, None]], axis=1)
+    shapes = Shapes(replace(s, world_from_object=s.world_from_object + shift) for s in box.shapes)
+    moved = replace(box, shapes=shapes)
+    points = solution_of(moved, [1] * len(path_traceable(moved).triangles), linear).to_vtk(moved).points
+    assert points.min(axis=0) == pytest.approx(box.bounds[0] + away, abs=1e-6)
+    assert points.max(axis=0) == pytest.approx(box.bounds[1] + away, abs=1e-6)
 
 
 @given(

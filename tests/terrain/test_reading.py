@@ -195,6 +195,16 @@ def test_a_geotiff_gives_its_georeference_to_results(tmp_path: Path) -> None:
         np.testing.assert_array_equal(made.read(1), found.sky_view_factor())
 
 
+def test_a_coordinate_system_that_a_geotiff_cannot_store_gives_a_warning(tmp_path: Path) -> None:
+    """GeoTIFF keys have no code for the projection Equal Earth. GDAL writes it to a file beside the raster."""
+    rasterio = pytest.importorskip("rasterio")
+    crs = rasterio.crs.CRS.from_string("+proj=eqearth +datum=WGS84").to_wkt().replace("unknown", "Equal Earth", 1)
+    found = horizon(HeightField(heights=np.zeros((3, 4)), spacing=(1.0, 1.0), crs=crs))
+    with pytest.warns(glpath.SceneWarning, match=r'a\.tif: .*"Equal Earth"'):
+        found.save(tmp_path / "a.tif", np.zeros((3, 4)))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.tif"]
+
+
 def test_a_coordinate_system_that_is_none_is_named(tmp_path: Path) -> None:
     pytest.importorskip("rasterio")
     found = horizon(HeightField(heights=np.zeros((3, 4)), spacing=(1.0, 1.0), crs="nonsense"))

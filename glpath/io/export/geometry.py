@@ -11,10 +11,13 @@ import numpy as np
 
 from glpath.scene.geometry import Float64, Int32, Mesh, Shape, Shapes
 from glpath.scene.model import Scene
+from glpath.scene.sight import sees_nearer
 from glpath.scene.triangulate import path_traceable
 
 #: Half side of the square that replaces an infinite plane, in diagonals of the box around the scene and its camera.
 _HORIZON = 100.0
+# Minimum distance of a near plane, as a fraction of its distance in a scene without near shapes.
+_NEAREST = 1e-3
 
 
 class Notes:
@@ -75,6 +78,28 @@ def in_triangles(scene: Scene, notes: Notes) -> Scene:
         shapes = (_square(scene, shape) if shape.primitive == "plane" else shape for shape in scene.shapes)
         scene = replace(scene, shapes=Shapes(shapes))
     return path_traceable(scene)
+
+
+def scene_size(scene: Scene) -> float:
+    """Return the diagonal of the scene without infinite planes; the camera's distance if it has no extent."""
+    low, high = scene.bounds
+    return float(np.linalg.norm(high - low)) or float(np.linalg.norm(scene.camera.position - low)) or 1.0
+
+
+def near_plane(scene: Scene, distance: float) -> float:
+    """Return `distance`, divided by ten until a near plane at this distance hides nothing, at most three times.
+
+    A panorama becomes a perspective camera of 90 degrees. Parallel rays may start within a shape, so they get the
+    smallest distance.
+    """
+    camera, smallest = scene.camera, _NEAREST * distance
+    if camera.projection == "orthographic":
+        return smallest
+    if camera.projection == "panorama":
+        scene = replace(scene, camera=replace(camera, projection="perspective", fov=90.0))
+    while distance > smallest and sees_nearer(scene, distance):
+        distance = max(0.1 * distance, smallest)
+    return distance
 
 
 def in_world(shape: Shape) -> Mesh:

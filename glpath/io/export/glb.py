@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from glpath.film.image import encode_png
 from glpath.io.export import gltf_json
+from glpath.io.export.geometry import near_plane, scene_size
 from glpath.scene.camera import Camera
 from glpath.scene.geometry import Float64
 from glpath.scene.model import Scene
 from glpath.system.files import whole_file
 
-#: Distance of the near plane, which glTF requires, as a fraction of the scene's diagonal.
+#: Distance of the near plane, which glTF requires, as a fraction of the scene's size; less if it hid a shape.
 _NEAR = 1e-3
-#: Distance of the far plane of an orthographic camera, as a multiple of the scene's diagonal.
+#: Distance of the far plane of an orthographic camera, as a multiple of the scene's size.
 _FAR = 1e3
 _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 
@@ -54,7 +55,7 @@ class Glb:
             root.translation = [float(x) for x in _matrix(rotation) @ scene.origin]
         self._nodes: list[gltf_json.Node] = [root]
         self.bounds = scene.bounds
-        self._camera = _camera(scene.camera, float(np.linalg.norm(self.bounds[1] - self.bounds[0])))
+        self._camera = _camera(scene)
         self.add_node("camera", _camera_matrix(scene.camera), camera=0)
 
     def use(self, extension: str) -> str:
@@ -155,15 +156,17 @@ def _matrix(rotation: list[float]) -> Float64:
     return np.asarray(np.rint(np.eye(3) + w * across + np.cross(axis, across)).T)
 
 
-def _camera(camera: Camera, size: float) -> gltf_json.Camera:
+def _camera(scene: Scene) -> gltf_json.Camera:
+    camera, size = scene.camera, scene_size(scene)
     width, height = camera.resolution
     if camera.projection == "orthographic":
         wide, high = camera.extent
         parallel = gltf_json.Orthographic(xmag=wide, ymag=high, znear=0.0, zfar=_FAR * size)
         return gltf_json.Camera(name="camera", type="orthographic", orthographic=parallel)
     fov = 90.0 if camera.projection == "panorama" else camera.fov
+    near = near_plane(scene, _NEAR * size)
     view = gltf_json.Perspective(
-        yfov=math.radians(fov), aspect_ratio=width * camera.pixel_aspect / height, znear=_NEAR * size
+        yfov=math.radians(fov), aspect_ratio=width * camera.pixel_aspect / height, znear=near
     )
     return gltf_json.Camera(name="camera", type="perspective", perspective=view)
 

@@ -51,7 +51,7 @@ class Surfaces:
         self.scene, self.file, self.notes = scene, file, notes
         self._materials: dict[tuple[object, ...], int] = {}
         self._names: set[str] = set()
-        self._textures: dict[tuple[int, bool, bool], int] = {}
+        self._textures: dict[tuple[int, bool, bool, float], int] = {}
         self._light_textures: dict[int, int] = {}
         #: True if a material of a shape is culled from behind, so that backs are not all black.
         self.culls = any(scene.materials[shape.material].culled for shape in scene.shapes)
@@ -201,8 +201,9 @@ class Surfaces:
             return
         slot = material.emission_texture
         if slot is not None:
-            made.emissive_texture = self._slot(slot, srgb=True)
-            emission = emission * self._max_emission(slot.texture)
+            divisor = self._max_emission(slot.texture)
+            made.emissive_texture = self._slot(slot, srgb=True, divisor=divisor)
+            emission = emission * divisor
         emission = conversion(self.scene.unit, "photometric") * emission
         strength = max(float(emission.max()), 1.0)
         made.emissive_factor = (emission / strength).tolist()
@@ -232,12 +233,13 @@ class Surfaces:
     # Textures
 
     def _slot(
-        self, slot: TextureSlot | None, *, srgb: bool = False, alpha: bool = False
+        self, slot: TextureSlot | None, *, srgb: bool = False, alpha: bool = False, divisor: float = 1.0
     ) -> gltf_json.TextureInfo | None:
+        """Return the reference to a slot's texture, whose colours are divided by `divisor`; None if `slot` is."""
         if slot is None:
             return None
         texture = self.scene.textures[slot.texture]
-        info = gltf_json.TextureInfo(index=self._texture(slot.texture, srgb, alpha), tex_coord=slot.uv_set)
+        info = gltf_json.TextureInfo(index=self._texture(slot.texture, srgb, alpha, divisor), tex_coord=slot.uv_set)
         matrix = map_downwards(slot.uv_transform, texture.scale)
         if not np.array_equal(matrix, np.eye(3)):
             transform, exact = _uv_transform(matrix)
@@ -256,9 +258,9 @@ class Surfaces:
         made = {"index": info.index, "texCoord": info.tex_coord}
         return {name: made | ({"extensions": info.extensions} if info.extensions else {})}
 
-    def _texture(self, number: int, srgb: bool, alpha: bool) -> int:
+    def _texture(self, number: int, srgb: bool, alpha: bool, divisor: float) -> int:
         texture = self.scene.textures[number]
-        key = (number, srgb, alpha and texture.image.shape[2] == 4)
+        key = (number, srgb, alpha and texture.image.shape[2] == 4, divisor)
         if key not in self._textures:
             filters = _NEAREST if texture.filter == "nearest" else _SMOOTH
             sampler = gltf_json.Sampler(
@@ -270,26 +272,31 @@ class Surfaces:
             if sampler not in self.file.samplers:
                 self.file.samplers.append(sampler)
             self._textures[key] = len(self.file.textures)
-            image = self.file.add_image(texture.name, self._image(number, srgb)[..., : 4 if key[2] else 3])
+            image = self.file.add_image(texture.name, self._image(number, srgb, divisor)[..., : 4 if key[2] else 3])
             self.file.textures.append(
                 gltf_json.Texture(name=texture.name, sampler=self.file.samplers.index(sampler), source=image)
             )
         return self._textures[key]
 
-    def _image(self, number: int, srgb: bool) -> NDArray[np.uint8]:
-        """Return the image with eight bits per channel, its colours in sRGB if `srgb`, otherwise linear."""
+    def _image(self, number: int, srgb: bool, divisor: float) -> NDArray[np.uint8]:
+        """Return the image with eight bits per channel, its colours in sRGB if `srgb`, otherwise linear.
+
+        Colours are divided by `divisor`, then limited to 1.
+        """
         texture = self.scene.textures[number]
         if texture.image.dtype == np.uint8 and texture.srgb == srgb:
             return np.asarray(texture.image, np.uint8)
         values = texture.linear().astype(np.float64)
-        values[..., :3] /= self._max_emission(number)
+        values[..., :3] /= divisor
+        if values.max() > 1:
+            self.notes.add("its values above 1 are 1", "texture", texture.name)
         values = np.clip(values, 0.0, 1.0)
         if srgb:
             values[..., :3] = encode_srgb(values[..., :3])
         return np.asarray(np.round(255.0 * values), np.uint8)
 
     def _max_emission(self, number: int) -> float:
-        """Return the divisor that scales a texture to at most 1."""
+        """Return the divisor that scales an emission texture to at most 1."""
         image = self.scene.textures[number].image
         return 1.0 if image.dtype == np.uint8 else max(float(image[..., :3].max()), 1.0)
 

@@ -36,6 +36,8 @@ from glpath.io.export.geometry import (
     in_triangles,
     in_world,
     mirrors,
+    near_plane,
+    scene_size,
     uv_handedness,
     v_downwards,
     with_all_normals,
@@ -86,7 +88,8 @@ def described(
     if scene.origin.any():  # Mitsuba's transforms are 32-bit floats, too, so they cannot hold the origin
         notes.add(f"all is relative to {shown(scene.origin)}, as the scene is far from the origin")
     low, high = scene.bounds  # without infinite planes
-    size = float(np.linalg.norm(high - low)) or float(np.linalg.norm(scene.camera.at().position - low)) or 1.0
+    size = scene_size(scene)
+    near = near_plane(scene, 1e-4 * size)
     scene = in_triangles(scene, notes)
     if np.any(scene.ambient > 0):
         notes.add("ambient light is left out")
@@ -103,8 +106,8 @@ def described(
             emitters[names.of("sun")] = _sun(scene.sky.sun, notes)
     plugins = {
         "type": "scene",
-        "integrator": integrator(max_depth, surfaces.integrator),
-        "sensor": _sensor(scene, size, sampler, spp, notes),
+        "integrator": integrator(max_depth, surfaces.integrator) | _hidden_sky(scene, notes),
+        "sensor": _sensor(scene, near, sampler, spp, notes),
     }
     return MitsubaScene(plugins | surfaces.plugins | shapes | emitters, notes.texts, (x, y, z))
 
@@ -112,6 +115,21 @@ def described(
 def integrator(max_depth: int, plugin: str = "path") -> Plugin:
     """Return the integrator for paths with at most `max_depth` vertices."""
     return {"type": plugin, "max_depth": max_depth + 1, "rr_depth": 5}
+
+
+def _hidden_sky(scene: Scene, notes: Notes) -> Plugin:
+    """Return the integrator's parameter for a transparent background. Add notes on what Mitsuba lacks."""
+    background = scene.background
+    if background is None:
+        return {}
+    if not background.transparent:
+        notes.add(f"the background {'is' if background.ground is None else 'and its shadow are'} left out")
+        return {}
+    if scene.sky is None:
+        return {}
+    if any(shape.emits for shape in scene.shapes):
+        notes.add("the camera does not see shapes that emit, as it does not see the sky")
+    return {"hide_emitters": True}
 
 
 def _shapes(scene: Scene, shape: Shape, surfaces: Surfaces, names: Names, instances: bool, offset: float) -> Plugin:
@@ -292,8 +310,8 @@ def _frame(x: Float64, y: Float64, z: Float64, origin: Float64) -> Float64:
     return matrix
 
 
-def _sensor(scene: Scene, size: float, sampler: Sampler, spp: int, notes: Notes) -> Plugin:
-    camera = scene.camera.at()
+def _sensor(scene: Scene, near: float, sampler: Sampler, spp: int, notes: Notes) -> Plugin:
+    camera, background = scene.camera.at(), scene.background
     low, high = scene.bounds
     far = float(np.linalg.norm(camera.position - 0.5 * (low + high)) + np.linalg.norm(high - low))
     width, height = camera.resolution
@@ -322,7 +340,7 @@ def _sensor(scene: Scene, size: float, sampler: Sampler, spp: int, notes: Notes)
         else:
             notes.add("the camera's principal point is left out: the view is to the middle of the picture")
     return view | {
-        "near_clip": 1e-4 * size,
+        "near_clip": near,
         "far_clip": far,
         "to_world": _frame(-scale * right, scale * up, forward, camera.position),
         "sampler": {"type": sampler, "sample_count": spp},
@@ -331,7 +349,7 @@ def _sensor(scene: Scene, size: float, sampler: Sampler, spp: int, notes: Notes)
             "width": width,
             "height": height,
             "rfilter": {"type": "box"},
-            "pixel_format": "rgb",
+            "pixel_format": "rgba" if background is not None and background.transparent else "rgb",
             "component_format": "float32",
         },
     }

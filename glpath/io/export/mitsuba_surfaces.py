@@ -275,8 +275,11 @@ class _Surface:
         if material.is_slab:
             # Mitsuba has the same formula, but its glass absorbs equally at all angles.
             if np.any(material.reflectance < 1):
-                _, through = slab(1.0, material.ior, material.reflectance)
-                made["specular_transmittance"] = self._colour(float(np.mean(through)) / clearest(material.ior))
+                # The reflectance is the transmittance of one crossing; Mitsuba's factor is that of the whole sheet.
+                reflected, through = slab(1.0, material.ior, material.reflectance)
+                once, clear = np.maximum(material.reflectance, np.finfo(float).tiny), clearest(material.ior)
+                made["specular_transmittance"] = self._colour(through / clear / once)
+                made["specular_reflectance"] = rgb(reflected / max(1.0 - clear, np.finfo(float).tiny))
                 self._note("its glass absorbs alike at all angles")
             return {"type": "thindielectric", **made}
         if material.layering in ("plastic", "beside"):
@@ -320,7 +323,7 @@ class _Surface:
         factor, slot = self.material.reflectance * scale, self.material.texture
         if slot is None:
             if self.coloured:  # vertex colours already include the reflectance
-                return {"type": "mesh_attribute", "name": "vertex_color", "scale": scale}
+                return {"type": "mesh_attribute", "name": "vertex_color", "scale": float(np.mean(scale))}
             return rgb(factor)
         if self.coloured:
             self._note("the colours of vertices, which multiply its texture, are left out")

@@ -50,8 +50,10 @@ def files_folder(path: Path) -> Path:
 def write_xml(translated: MitsubaScene, path: Path) -> None:
     """Write the XML to `path`, and its meshes and images to the folder `files_folder(path)`.
 
-    Raises ImageError, also for a name that is not UTF-8, because the XML names the folder.
+    Raises ImageError, also for a name that is not UTF-8 or that holds $, because the XML names the folder.
     """
+    if "$" in path.name:
+        raise ImageError(f"{path}: its name holds $, which begins a parameter in Mitsuba's XML.", "Choose another.")
     try:
         path.name.encode()
     except UnicodeEncodeError as error:
