@@ -18,11 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.bake.pieces import pieces
 from glpath.bake.solids import inside_solids
 from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.model import Float64
+from glpath.scene.pieces import pieces
 from glpath.system.kernels import kernel
 from glpath.system.machine import in_threads
 from glpath.system.time_limit import check_time
