@@ -167,8 +167,8 @@ def test_a_point_under_a_box_is_buried():
 def test_rooms_are_no_solids_if_one_shape_holds_the_lamps_of_all(joined):
     """Walls of closed boxes with fronts outwards, whose insides are lit by the lamp inside."""
     walls = [part(cuboid((x, 0, 0), (x + 2, 2, 2)), two_sided=True) for x in (0, 5)]
-    small, large = rectangle((0.9, 1, 0.9), (0.2, 0, 0), (0, 0, 0.2)), rectangle((5.8, 1, 0.8), (0.4, 0, 0), (0, 0, 0.4))
-    lamps = [np.concatenate([small, large])] if joined else [small, large]
+    lamps = [rectangle((x, 1, 0.8), (size, 0, 0), (0, 0, size)) for x, size in ((0.9, 0.2), (5.8, 0.4))]
+    lamps = [np.concatenate(lamps)] if joined else lamps
     block = part(cuboid((0.5, 0, 0.5), (0.7, 0.3, 0.7)))
     scene = room(*walls, *(part(lamp, emission=1.0) for lamp in lamps), block)
     solids = Solids.of(scene, np.isin(scene.triangle_shape, [0, 1, scene.triangle_shape[-1]]))
