@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from glpath.errors import TimeLimitError
 from glpath.io import scene_from_dict
 from glpath.radiosity.form_factors import light_choice
 from glpath.radiosity.form_factors.light_choice import MANY, Chosen, LightChoice
@@ -16,6 +17,8 @@ from glpath.radiosity.solution import INDIRECT
 from glpath.radiosity.solvers.solve import solve_radiosity
 from glpath.scene.model import Scene
 from glpath.scene.triangulate import path_traceable
+from glpath.system.time_limit import limited
+from tests.support.clock import Clock
 
 
 def hall(lamps: int) -> Scene:
@@ -117,6 +120,14 @@ def test_memory_of_a_choice_does_not_grow_with_points_times_lights(monkeypatch: 
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 50e6
+
+
+def test_the_choice_of_lights_ends_at_the_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    light, clock = DirectLight(hall(40)), Clock(monkeypatch)
+    with limited(1.0):
+        clock.ahead = 2.5
+        with pytest.raises(TimeLimitError, match="over while finding the light of each lamp, before"):
+            light.choice(*on_triangles(light.scene, 8), np.ones(8))
 
 
 @pytest.mark.parametrize("for_camera", [True, False])
