@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bake.overlaps import overlapping
-from glpath.bake.pieces import pieces
 from glpath.bake.steps import corners_in_steps, points_in_steps, power_of_two, rounded
 from glpath.bake.xatlas_workers import atlas_of
 from glpath.errors import GlpathError, SceneError, UsageError, warn
 from glpath.scene import Scene
 from glpath.scene.geometry import Float64, Mesh
+from glpath.scene.pieces import pieces
 from glpath.system.machine import core_count
 from glpath.system.time_limit import check_time
 

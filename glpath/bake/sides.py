@@ -12,17 +12,20 @@ Poor at:  light through a hole that none of some thousand rays from a surface fi
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.bake.pieces import pieces
 from glpath.bake.solids import inside_solids
+from glpath.lights.lighting import light_shines
 from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.scene import Scene
-from glpath.scene.model import Float64
+from glpath.scene.model import Float64, Light
+from glpath.scene.pieces import pieces
 from glpath.system.kernels import kernel
 from glpath.system.machine import in_threads
 from glpath.system.time_limit import check_time
@@ -46,7 +49,8 @@ _BEFORE = 1e-6
 _LOOKS = 16
 #: Fraction of a point's rays. If at least this fraction meets dark sides within two texels, it is inside, too.
 _BESIDE = 0.25
-#: Number of attempts to connect a point to lamps, and maximum number of punctual lights that are tried.
+#: Number of attempts to connect a point to lamps, and maximum number of punctual lights of an attempt. If a scene
+#: has more, each point tries random ones.
 _JOINS = 8
 #: Number of rays that a thread traces in one batch.
 _TOGETHER = 1 << 14
@@ -182,11 +186,14 @@ class Sides:
         """Return bool: True for origins that see a light without a bounce."""
         found = np.zeros(len(origins), np.bool_)
         surfaces, random = self.surfaces, np.random.default_rng(1)
-        for _ in range(_JOINS if len(origins) else 0):
-            for towards, length, target in _shining_points(self.scene, surfaces, origins, random):
-                facing = np.einsum("ij,ij->i", towards, normals) > 0
-                hit, _, distance = _hit(self.surfaces, self.rays, origins, towards, own)
-                found |= facing & _reaches(hit, distance, length, target)
+        if not len(origins):
+            return found
+        lamps = (ray for _ in range(_JOINS) for ray in _to_lamps(self.scene, surfaces, origins, random))
+        for towards, length, target in chain(_to_lights(surfaces, origins, random, _JOINS**2), lamps):
+            check_time()
+            facing = np.einsum("ij,ij->i", towards, normals) > 0
+            hit, _, distance = _hit(self.surfaces, self.rays, origins, towards, own)
+            found |= facing & _reaches(hit, distance, length, target)
         return found
 
 
@@ -246,6 +253,7 @@ class _Surfaces:
     normals : (T, 3) float64, normals of the scene
     lamps   : (L,) triangles that emit light
     chance  : (L,) probability of the choice of each lamp, proportional to its area
+    lights  : punctual lights that shine
     """
 
     shines: Bools
@@ -255,6 +263,7 @@ class _Surfaces:
     normals: Float64
     lamps: Int64
     chance: Float64
+    lights: tuple[Light, ...]
 
     @classmethod
     def of(cls, scene: Scene) -> _Surfaces:
@@ -271,7 +280,9 @@ class _Surfaces:
         sends = np.stack([np.ones_like(emits), two_sided | passes | shines[:, 1]], axis=1)
         lamps = np.flatnonzero(emits)
         area = scene.areas[lamps]
-        return cls(shines, sends, passes, culled, scene.normals, lamps, area / area.sum() if len(lamps) else area)
+        chance = area / area.sum() if len(lamps) else area
+        lights = tuple(light for light in scene.lights if light_shines(light))
+        return cls(shines, sends, passes, culled, scene.normals, lamps, chance, lights)
 
 
 def _walk(
@@ -295,7 +306,8 @@ def _walk(
         normals = surfaces.normals[triangle] * (1 - 2 * side)[:, None]
         origins = points + _BEFORE * _size(scene) * normals
         seen = np.zeros(len(left), np.bool_)
-        for towards, length, target in _shining_points(scene, surfaces, origins, random):
+        to_lamps = _to_lamps(scene, surfaces, origins, random)
+        for towards, length, target in chain(_to_lights(surfaces, origins, random, _JOINS), to_lamps):
             facing = np.einsum("ij,ij->i", towards, normals) > 0
             hit, _, distance = _hit(surfaces, rays, origins, towards, triangle)
             seen |= facing & _reaches(hit, distance, length, target)
@@ -310,33 +322,41 @@ def _walk(
     return found
 
 
-def _shining_points(
-    scene: Scene, surfaces: _Surfaces, origins: Float64, random: np.random.Generator
-) -> list[tuple[Float64, Float64, Int64]]:
-    """Return rays from each origin (N, 3) to the punctual lights, and to a random point of a random lamp.
+#: Rays from origins to lights: unit directions (N, 3), distances (N,), and the lamps' triangles (N,), -1 for
+#: punctual lights. The distance is infinite for directional lights. For points on a dark side of a lamp, it is
+#: infinite to mark the ray as blocked.
+_LightRays = tuple[Float64, Float64, Int64]
 
-    Each entry has unit directions (N, 3), distances (N,), and the lamps' triangles (N,), -1 for punctual lights.
-    The distance is infinite for directional lights, and for points on a side of a lamp that does
-    not emit, which marks the ray as blocked.
-    """
-    none = np.full(len(origins), -1)
-    made = []
-    for light in scene.lights[:_JOINS]:
-        if light.kind == "directional":
-            made.append((np.tile(-light.direction, (len(origins), 1)), np.full(len(origins), np.inf), none))
-        else:
-            made.append((*_unit(light.position - origins), none))
+
+def _to_lights(
+    surfaces: _Surfaces, origins: Float64, random: np.random.Generator, count: int
+) -> Iterator[_LightRays]:
+    """Yield rays from origins (N, 3) to all punctual lights, or to `count` random ones if there are more."""
+    lights = surfaces.lights
+    position, direction = (np.reshape([getattr(x, k) for x in lights], (-1, 3)) for k in ("position", "direction"))
+    distant = np.array([light.kind == "directional" for light in lights], np.bool_)
+    for k in range(min(count, len(lights))):
+        one = k if len(lights) <= count else random.integers(len(lights), size=len(origins))
+        towards, length = _unit(position[one] - origins)
+        parallel = np.broadcast_to(distant[one], len(origins))
+        towards = np.where(parallel[:, None], -direction[one], towards)
+        yield towards, np.where(parallel, np.inf, length), np.full(len(origins), -1)
+
+
+def _to_lamps(
+    scene: Scene, surfaces: _Surfaces, origins: Float64, random: np.random.Generator
+) -> Iterator[_LightRays]:
+    """Yield a ray from each origin (N, 3) to a random point of a random lamp, if the scene has lamps."""
     if len(surfaces.lamps):
         lamp = random.choice(surfaces.lamps, len(origins), p=surfaces.chance)
         towards, length = _unit(_on(scene.triangles[lamp], random.random((len(origins), 2))) - origins)
         back = np.einsum("ij,ij->i", surfaces.normals[lamp], towards) > 0
         # A point behind a lamp that emits only from its front gets an infinite distance, so it is not connected.
-        made.append((towards, np.where(surfaces.shines[lamp, back.astype(np.int64)], length, np.inf), lamp))
-    return made
+        yield towards, np.where(surfaces.shines[lamp, back.astype(np.int64)], length, np.inf), lamp
 
 
 def _reaches(hit: Int64, distance: Float64, length: Float64, target: Int64) -> Bools:
-    """Return (N,) bool: True if a ray of `_shining_points` reaches its light, and not a lamp's dark back."""
+    """Return (N,) bool: True if a ray of `_LightRays` reaches its light, and not a lamp's dark back."""
     behind = (target >= 0) & ~np.isfinite(length)
     return np.asarray(~behind & ((hit < 0) | (hit == target) | (distance > length)))
 

@@ -17,7 +17,8 @@ surfaces, too, except in "albedo" and "normal" as stated there:
 "position"    : (H, W, 3) float64, world position. Mean of the samples that hit a surface, 0 if none does. For a
                 scene far from the origin, an .exr stores it relative to `position_origin` in its header
 "uv"          : (H, W, 2) float64, first texture coordinates, v upwards. Mean of the samples that hit a surface, 0
-                if none does. At a texture seam it averages unrelated values
+                if none does. At a texture seam it averages unrelated values. Coordinates beyond -4,096 and 4,096
+                are clamped to these
 "object_id"   : (H, W) int64, number of the shape that most samples hit, from 1, in the scene's order, for masks; 0
                 if there is none. An .exr also has the Cryptomatte of objects, see `cryptomatte`
 "material_id" : (H, W) int64, as "object_id", for materials

@@ -156,6 +156,9 @@ def _aces(radiance: Float64) -> Float64:
     return x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
 
 
+# Maximum radiance after exposure, so that no tone curve overflows; each is white long before.
+_MAX_LIGHT = 1e30
+
 # Tone curves by name (`choices.TONEMAP_NAMES`). Each maps radiance after exposure to linear display values, which
 # are then clipped to [0, 1].
 TONEMAPS: dict[str, Callable[[Float64], Float64]] = {
@@ -189,7 +192,9 @@ def tonemap(radiance: ArrayLike, exposure: float = 0.0, operator: str = "srgb") 
             f"exposure: {short_repr(exposure)} where stops from -{_MAX_STOPS:,} to {_MAX_STOPS:,} are needed"
         )
     _check_colours(radiance)
-    light = np.maximum(np.asarray(radiance, np.float64), 0.0) * np.exp2(exposure)
+    with np.errstate(over="ignore"):
+        light = np.maximum(np.asarray(radiance, np.float64), 0.0) * np.exp2(exposure)
+    light = np.minimum(light, _MAX_LIGHT)
     return (encode_srgb(TONEMAPS[operator](light)) * 255.0 + 0.5).astype(np.uint8)
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from glpath.gl.texel_store import UINTS, Layout, make_store, store_glsl
 from glpath.lights.lighting import Lighting
 from glpath.lights.rectangles import LampRectangles
-from glpath.lights.samples import LIGHT_KINDS
+from glpath.lights.samples import LIGHT_KINDS, indices_by_id
 from glpath.lights.tree import Emitters, LightTree, others, positional
 from glpath.scene.model import Environment, Float64, Light
 
@@ -162,10 +162,10 @@ def _pieces(lighting: Lighting, lights: Sequence[Light]) -> tuple[NDArray[np.int
         which.append(triangles)
         weight.append(lighting.triangle_density[triangles])
         kinds.append(np.full(len(triangles), LIGHT_KINDS.index("area") + _BACK * (side.sign < 0)))
-    first = len(lighting.sides)
+    first, index = len(lighting.sides), indices_by_id(lights)
     for number, light in enumerate(lighting.punctual, first):
         begin.append(cdf[number : number + 1])
-        which.append(np.array([next(i for i, other in enumerate(lights) if other is light)]))
+        which.append(np.array([index[id(light)]]))
         weight.append(np.diff(cdf[number : number + 2]))
         kinds.append(np.array([LIGHT_KINDS.index(light.kind)]))
     if lighting.sky is not None:
@@ -201,8 +201,9 @@ def _tree_tables(lighting: Lighting, lights: Sequence[Light]) -> tuple[UInt32, U
         shapes[side.shape, 0, 0] = side.first
         shapes[side.shape, 0, 1 if side.sign > 0 else 2] = piece
         piece += len(triangles)
+    index = indices_by_id(lights)
     for light, part in zip(positional(lighting), leaves[piece:, 0], strict=True):
-        part[1] = next(i for i, other in enumerate(lights) if other is light)
+        part[1] = index[id(light)]
         part[2] = _bits(np.ones(1))[0]
         part[3] = LIGHT_KINDS.index(light.kind)
     return _nodes(tree), leaves, shapes

@@ -29,7 +29,7 @@ from glpath.gl.material_texels import (
 from glpath.gl.texel_store import FLOATS, UINTS, Rows, store_glsl
 from glpath.gl.texture_images import ALPHAS, IMAGE_FLAGS, WRAPS, TextureImages
 from glpath.lights.lighting import Lighting
-from glpath.lights.samples import LIGHT_KINDS, profile_number, profiled_lights
+from glpath.lights.samples import LIGHT_KINDS, indices_by_id, profiled_lights
 from glpath.scene.directional_albedo import CELLS, escapes
 from glpath.scene.model import Environment, Float64, Int32, Light, Scene, unit_normals
 
@@ -283,8 +283,13 @@ def uint_tables(
         (s.material, s.emission_two_sided, scene.materials[s.material].lets_light_through, int(deviation))
         for s, deviation in zip(scene.shapes, apart, strict=True)
     ]
+    profiled = indices_by_id(profiled_lights(scene))
     punctual = [
-        (LIGHT_KINDS.index(x.kind), x.falloff == "quadratic" and x.kind != "directional", profile_number(scene, x))
+        (
+            LIGHT_KINDS.index(x.kind),
+            x.falloff == "quadratic" and x.kind != "directional",
+            1 + profiled.get(id(x), -1),
+        )
         for x in lights
     ]
     return {

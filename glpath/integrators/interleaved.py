@@ -62,6 +62,7 @@ class Interleaved(Engine):
                 offset=offset,
             )
             for number, offset in enumerate(_OFFSETS)
+            if offset[0] < window[2] and offset[1] < window[3]  # a window one pixel wide has no second column
         }
 
     def prepare(self) -> Self:

@@ -88,7 +88,7 @@ class Lighting:
         """
         centre, radius = _sphere_about(scene)
         sides = _emitting_sides(scene)
-        shining = tuple(x for x in scene.lights if _shines(x)) if punctual else ()
+        shining = tuple(x for x in scene.lights if light_shines(x)) if punctual else ()
         shown = scene.sky if sky and scene.sky is not None and scene.sky.mean_integral > 0 else None
         # Power divided by pi: unweighted mean of the channels, so that no coloured light is undersampled.
         power = [side.area * side.radiance.mean() for side in sides]
@@ -331,7 +331,8 @@ def _sphere_about(scene: Scene) -> tuple[Float64, float]:
     return 0.5 * (low + high), float(0.5 * np.linalg.norm(high - low)) or 1.0
 
 
-def _shines(light: Light) -> bool:
+def light_shines(light: Light) -> bool:
+    """Return True if a punctual light sends any light."""
     return bool(np.any(light.intensity > 0)) and (light.profile is None or light.profile.max > 0)
 
 

@@ -5,6 +5,7 @@ Source:   PB 3.3 and A.3.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -139,6 +140,11 @@ class Incident(NamedTuple):
     wi: Float64
     distance: Float64
     irradiance: Float64
+
+
+def indices_by_id(lights: Sequence[Light]) -> dict[int, int]:
+    """Return the first index of each light by its `id`: lights with arrays cannot be keys of a dictionary."""
+    return {id(light): i for i, light in reversed([*enumerate(lights)])}
 
 
 def profiled_lights(scene: Scene) -> tuple[Light, ...]:

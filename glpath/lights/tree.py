@@ -100,9 +100,10 @@ def positional(lighting: Lighting) -> tuple[Light, ...]:
 
 def others(lighting: Lighting) -> Lighting:
     """Return the lights outside a tree: directional ones, those without falloff, and the sky."""
-    rest = tuple(x for x in lighting.punctual if not any(x is each for each in positional(lighting)))
+    in_tree = {id(x) for x in positional(lighting)}
     chances = np.diff(lighting.cdf)[len(lighting.sides) :]
-    kept = [i for i, x in enumerate(lighting.punctual) if any(x is each for each in rest)]
+    kept = [i for i, x in enumerate(lighting.punctual) if id(x) not in in_tree]
+    rest = tuple(lighting.punctual[i] for i in kept)
     kept += [] if lighting.sky is None else [len(lighting.punctual)]
     cdf = np.concatenate([[0.0], np.cumsum(chances[kept])])
     return replace(lighting, sides=(), punctual=rest, cdf=cdf / cdf[-1] if kept else cdf)

@@ -14,7 +14,7 @@ from glpath.gl.context import Context
 from glpath.integrators.by_name import Integrator
 from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene
-from glpath.rendering.job import RenderJob, SceneSource, describe, with_overrides
+from glpath.rendering.job import RenderJob, SceneSource, describe, with_alpha, with_overrides
 from glpath.rendering.options import RenderKeywords, strictly, with_options
 from glpath.rendering.progress import Progress, reporting
 from glpath.rendering.run_options import RunKeywords, RunOptions
@@ -213,7 +213,7 @@ def render_frames(
             "film: of a single render, but each frame has its own.", "Render the frames that are missing."
         )
     with limited(run_options.time_limit, anew=True):
-        job, base = describe(
+        base_job, base = describe(
             scene,
             integrator=integrator,
             spp=run_options.spp(spp),
@@ -233,8 +233,9 @@ def render_frames(
                     return
                 shown = _frame_scene(base, frame)
                 job = replace(
-                    job,
-                    scene=SceneSource.of(frame, frame, None) if isinstance(frame, Scene) else job.scene,
+                    base_job,
+                    scene=SceneSource.of(frame, frame, None) if isinstance(frame, Scene) else base_job.scene,
+                    integrator=with_alpha(base_job.integrator, shown),
                     sensor=CameraSensor.of(shown.camera),
                     window=(0, 0, *shown.camera.resolution),
                 )

@@ -348,10 +348,7 @@ def describe(
     if sensor is None:
         loaded = with_overrides(loaded, resolution, camera)
         starts = CameraSensor.of(loaded.camera)
-        settings = chosen(integrator, given, loaded, math.prod(starts.resolution))
-        if loaded.background is not None and loaded.background.transparent:
-            aovs = {*settings.aovs, "depth"}  # the alpha channel is computed from the AOV depth
-            settings = replace(settings, aovs=tuple(name for name in AOVS if name in aovs))
+        settings = with_alpha(chosen(integrator, given, loaded, math.prod(starts.resolution)), loaded)
     else:
         if resolution is not None or camera is not None:
             name = "camera" if resolution is None else "resolution"
@@ -365,6 +362,14 @@ def describe(
         source = SceneSource.of(scene, loaded, parameters)
     path_sets = (int(first_path_set), int(first_path_set) + int(spp))
     return RenderJob(source, settings, starts, window, path_sets), loaded
+
+
+def with_alpha(settings: IntegratorSettings, scene: Scene) -> IntegratorSettings:
+    """Return the settings with the AOV depth, from which alpha is computed, if the background is transparent."""
+    if scene.background is None or not scene.background.transparent:
+        return settings
+    aovs = {*settings.aovs, "depth"}
+    return replace(settings, aovs=tuple(name for name in AOVS if name in aovs))
 
 
 def _needing(sensor: Sensor | None) -> AbstractContextManager[None]:

@@ -178,12 +178,12 @@ class Session:
         return settled
 
     def follows(self, job: RenderJob, scene: Scene) -> bool:
-        """Return True if the engine can also render `job`, which must have the session's integrator.
+        """Return True if the engine can also render `job`.
 
         scene : scene of the job, with the job's camera
         """
         before = self._job
-        same = before.sensor.kind == job.sensor.kind
+        same = before.sensor.kind == job.sensor.kind and before.integrator == job.integrator
         return same and (job.integrator.any_scene or not _differs(before, job, scene))
 
     def remarks(self, film: Film) -> list[str]:

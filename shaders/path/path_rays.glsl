@@ -560,13 +560,16 @@ float sample_diffuse(inout RayPath path, ScatterVertex s, float chance, vec2 num
 // Samples a cosine-weighted direction behind the surface; returns its cosine with the reversed normal.
 float sample_through_diffuse(inout RayPath path, ScatterVertex s, vec2 numbers)
 {
-#ifdef LIGHT_TREE
+#ifdef LIT_FROM
     path.lit_from = s.v.surface.position;
     path.lit_normal = -s.v.normal;
 #endif
     path.bounces += 1;
     path.was_diffuse = true;
     path.passed = 0.0;
+#if defined(HAS_BACKGROUND) && defined(HAS_THIN_DIELECTRICS)
+    path.straight = false;
+#endif
     path.origin = 2.0 * s.v.surface.position - s.start;
     path.direction = cosine_direction(-s.v.normal, numbers);
     float cosine = -dot(s.v.normal, path.direction);

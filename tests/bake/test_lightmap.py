@@ -160,6 +160,29 @@ def test_what_no_light_gets_to_is_a_dark_side() -> None:
     assert Sides.of(replace(scene, sky=load_scene("cornell-box").sky)).lit.tolist() == lit.tolist()
 
 
+def lights_in_two_rooms(first: int, intensity: float = 1.0) -> Scene:
+    """Two closed rooms, with so many point lights in the first and one in the second."""
+    rooms = [box(name, [x - 1, -1, -1], [x + 1, 1, 1]) for name, x in (("first", 0), ("second", 5))]
+    places = [(0.8 * i / first - 0.4, 0.3, 0.0) for i in range(first)]
+    lights = [{"type": "point", "position": place, "intensity": intensity} for place in places]
+    lights.append({"type": "point", "position": (5, 0.3, 0), "intensity": 1.0})
+    return scene_of(*rooms, lights=lights)
+
+
+@pytest.mark.parametrize("first", [2, 8, 200])
+def test_a_room_is_lit_by_its_light_however_many_another_room_has(first: int) -> None:
+    scene = lights_in_two_rooms(first)
+    sides = Sides.of(scene)
+    assert sides.lit.tolist() == [[False, True]] * 24
+    middles = scene.triangles.mean(axis=1)
+    assert not sides.inside(np.arange(24), np.ones(24, np.int64), middles, np.full(24, 0.01)).any()
+
+
+def test_lights_that_are_off_light_nothing() -> None:
+    lit = Sides.of(lights_in_two_rooms(8, 0.0)).lit
+    assert lit.tolist() == [[False, False]] * 12 + [[False, True]] * 12
+
+
 def test_texels_under_a_block_are_inside_and_get_the_light_beside_it() -> None:
     block = box("block", [-0.5, -0.5, 0], [0.2, 0.3, 0.6])
     surfaces = Surfaces.of(scene_of(FLOOR, block, LAMP), size=128)

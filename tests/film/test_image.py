@@ -63,6 +63,13 @@ def test_every_operator_keeps_black_and_order_and_ends_at_white(operator: str) -
     assert shown[0, -1].tolist() == [255, 255, 255]
 
 
+@pytest.mark.parametrize("operator", image.TONEMAPS)
+@pytest.mark.parametrize("stops", [500, 1000])
+def test_every_operator_shows_white_at_most_stops(operator: str, stops: int) -> None:
+    shown = image.tonemap([[[0.0, 0.0, 0.0], [0.5, 0.5, 0.5], [1e12, 1e12, 1e12]]], stops, operator)
+    assert shown[0, :, 0].tolist() == [0, 255, 255]
+
+
 def test_reinhard_takes_its_white_to_one_and_keeps_colour() -> None:
     white = np.full((1, 1, 3), image.REINHARD_WHITE)
     assert image.TONEMAPS["reinhard"](white) == pytest.approx(1.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,15 @@ def test_the_picture_is_that_of_all_pixels(given: dict[str, str]) -> None:
     # Whole edges would differ if a quarter were a pixel off.
     assert np.abs(plain.aov("albedo") - four.aov("albedo")).mean() < 0.005
     assert four.mean.mean() == pytest.approx(plain.mean.mean(), rel=0.02)
+
+
+@pytest.mark.parametrize("crop", [(20, 10, 1, 12), (20, 10, 12, 1), (20, 10, 1, 1)])
+def test_windows_one_pixel_wide_are_columns_and_rows_of_the_picture(crop: tuple[int, int, int, int]) -> None:
+    given: dict[str, Any] = {"integrator": "path-buffer", "max_depth": 1, "spp": 8, "aovs": ("albedo",)}
+    x, y, width, height = crop
+    part = glpath.render(BOX, crop=crop, interleave="always", **given).aov("albedo")
+    plain = glpath.render(BOX, interleave="never", **given).aov("albedo")
+    np.testing.assert_allclose(part, plain[y : y + height, x : x + width], atol=0.05)
 
 
 def test_a_denoiser_removes_what_shared_directions_leave() -> None:

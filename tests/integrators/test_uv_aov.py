@@ -44,6 +44,13 @@ def test_coordinates_of_a_square_that_has_no_texture(integrator: str) -> None:
     assert not uv[~seen].any()
 
 
+def test_coordinates_beyond_4096_are_clamped_as_documented() -> None:
+    (square,) = SCENE["shapes"]
+    far = {**SCENE, "shapes": [{**square, "uv": 0.0 * SQUARE[:, :2] + [5000, -5000]}]}
+    film = glpath.render(far, integrator="path", guide="cosine", spp=1, resolution=(3, 3), aovs=("uv",))
+    assert film.aov("uv")[1, 1] == pytest.approx([4096, -4096], abs=1e-3)
+
+
 def test_coordinates_go_into_an_exr_and_parts_of_a_film_add_up(tmp_path: Any) -> None:
     import OpenEXR
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -130,6 +131,17 @@ def test_emitters_in_one_position_are_a_tree() -> None:
     )
     chances = LightTree.over(emitters).chances(np.array([0.0, 2.0, 0.0]), np.array([0.0, -1.0, 0.0]))
     np.testing.assert_allclose(chances, 1 / count, rtol=0.5)
+
+
+def test_lights_outside_a_tree_are_found_in_linear_time() -> None:
+    """6,000 lights took seconds, as each was compared with all others."""
+    sun: dict[str, Any] = {"type": "directional", "direction": [0, -1, 0], "irradiance": 1.0}
+    scene = floor([{"type": "point", "position": [0, 3, 0], "intensity": 1.0}, sun])
+    lamp, above = scene.lights
+    lighting = Lighting.of(replace(scene, lights=(*(replace(lamp, name=f"{i}") for i in range(6000)), above)))
+    started = time.perf_counter()
+    assert others(lighting).punctual == (above,)
+    assert time.perf_counter() - started < 0.2
 
 
 def test_every_light_that_arrives_can_be_chosen_and_no_bound_is_below_it(tmp_path: Path) -> None:

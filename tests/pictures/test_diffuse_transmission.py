@@ -14,7 +14,10 @@ from glpath.errors import GlpathError
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.io.gltf import read_gltf
+from glpath.scene import Background, Portal
+from glpath.scene.geometry import Mesh, Shape
 from glpath.scene.model import Float64, Material, Scene, Texture, TextureSlot
+from tests.reference.closed_forms import polygon_irradiance
 from tests.support.engines import coarse
 from tests.support.gltf_files import Gltf
 from tests.support.uniform_sky import furnace, plane_under_the_sky
@@ -71,6 +74,43 @@ def test_white_paper_vanishes_in_a_furnace(share: float) -> None:
     np.testing.assert_allclose(seen(plane_under_the_sky(paper, 0.6)), 1.0, atol=0.01)
     film = glpath.render(furnace(paper, 16), spp=256, max_depth=40)
     np.testing.assert_allclose(np.asarray(film.mean)[5:11, 5:11].mean(), 1.0, atol=0.01)
+
+
+def square(z: float) -> list[list[float]]:
+    return [[-1, -1, z], [1, -1, z], [1, 1, z], [-1, 1, z]]
+
+
+def sheet_over(*others: dict[str, Any], **sections: Any) -> Scene:
+    """A white sheet that transmits 0.6 diffusely, away from the origin; the picture shows its centre."""
+    scene = glpath.load_scene({
+        "camera": {"position": [0, 0, 6], "target": [0, 0, 0], "fov": 0.1},
+        "film": {"resolution": [12, 12]},
+        "materials": {"m": {"reflectance": 0.5}, "black": {"reflectance": 0}},
+        "shapes": [{"type": "quad", "corners": square(2.0), "material": "m"}, *others],
+        **sections,
+    })  # fmt: skip
+    white = replace(SHEET, reflectance=np.ones(3), diffuse_transmission_colour=np.ones(3))
+    return replace(scene, materials=(white, *scene.materials[1:]))
+
+
+def test_rectangular_lamp_behind_a_sheet_gives_the_irradiance_of_the_closed_form() -> None:
+    lamp = {"type": "quad", "corners": square(1.5), "material": "black", "emission": {"radiance": 5.0}}
+    expected = 0.6 / np.pi * polygon_irradiance([0, 0, 2], [0, 0, -1], square(1.5), 5.0)
+    np.testing.assert_allclose(seen(sheet_over(lamp), spp=64, guide="cosine"), expected, rtol=0.02)
+
+
+def test_white_sheet_vanishes_in_a_furnace_with_a_portal_behind() -> None:
+    scene = replace(sheet_over(sky={"zenith": 1.0}), portals=(Portal(np.array(square(1.5))),))
+    np.testing.assert_allclose(seen(scene, spp=64, guide="cosine"), 1.0, atol=0.01)
+
+
+def test_sheet_beside_thin_glass_passes_light_of_the_sky_not_of_the_background() -> None:
+    paper = replace(SHEET, reflectance=np.ones(3), diffuse_transmission=1.0)
+    scene = replace(plane_under_the_sky(paper, 1.0), background=Background(np.zeros(3)))
+    pane = Shape("pane", Mesh(np.array([[50.0, 0, 0], [51, 0, 0], [50, 1, 0]]), np.array([[0, 1, 2]])), 1)
+    thin = Material("thin", np.ones(3), roughness=0.0, transmission=1.0, thin=True)
+    scene = replace(scene, shapes=(*scene.shapes, pane), materials=(paper, thin))
+    np.testing.assert_allclose(seen(scene, spp=16, guide="cosine"), 1.0, atol=0.01)
 
 
 def test_under_a_dielectric_it_has_what_that_leaves() -> None:

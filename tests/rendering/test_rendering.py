@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import glpath
 from glpath.compare import relative_mse
 from glpath.gl import passes
 from glpath.rendering import tiles
+from glpath.scene import Background
 from tests.support.engines import engine_options
 
 BOX = "cornell-box-36"
@@ -104,6 +106,26 @@ def test_wrong_options_are_refused_with_what_is_allowed(options: dict[str, Any],
     with pytest.raises(glpath.GlpathError) as caught:
         glpath.render(BOX, **options)
     assert words in str(caught.value)
+
+
+def test_cameras_behind_a_scene_among_the_frames_show_the_first_scene() -> None:
+    base = glpath.load_scene(BOX).with_camera(resolution=(8, 8))
+    other = replace(base, materials=tuple(replace(m, reflectance=0.5 * m.reflectance) for m in base.materials))
+    options: dict[str, Any] = {"integrator": "path", "guide": "cosine", "spp": 1}
+    films = glpath.render_frames(base, [other, {}, base.camera], **options)
+    expected = [glpath.render(scene, **options).radiance_sums for scene in (other, base, base)]
+    assert np.array_equal([film.radiance_sums for film in films], expected)
+
+
+def test_frame_of_a_transparent_scene_has_alpha() -> None:
+    base = glpath.load_scene(BOX).with_camera(resolution=(8, 8), fov=120.0)
+    clear = replace(base, background=Background(transparent=True))
+    films = list(glpath.render_frames(base, [{}, clear], integrator="path", spp=1))
+    expected = glpath.render(clear, integrator="path", spp=1).alpha
+    assert films[0].alpha is None
+    assert expected is not None
+    assert 0.0 < expected.mean() < 1.0
+    assert np.array_equal(films[1].alpha, expected)
 
 
 def test_ctrl_c_gives_the_path_sets_done_so_far() -> None:

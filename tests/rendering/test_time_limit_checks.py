@@ -11,7 +11,6 @@ import pytest
 import glpath
 from glpath.bake.atlas import _parts
 from glpath.bake.lightmap import Surfaces
-from glpath.bake.pieces import pieces
 from glpath.bake.solids import Closed
 from glpath.errors import TimeLimitError
 from glpath.gl.ray_bvh import _items
@@ -20,6 +19,7 @@ from glpath.radiosity.solvers.checks import check_solvable
 from glpath.rendering.choice import chosen
 from glpath.scene import Scene
 from glpath.scene.patches import Patches, diced
+from glpath.scene.pieces import pieces
 from glpath.system.time_limit import limited, named_work
 from tests.support.check_gaps import check_gaps, grid
 from tests.support.clock import Clock

@@ -44,7 +44,7 @@ class LightChoice(NamedTuple):
         may_bring : (R, L) approximate maximum of this irradiance near the point
         """
         lights = brings.shape[1]
-        if not brings.size or brings.size > _MAX_CHANCES:
+        if shares_row(len(brings), lights):
             brings, may_bring = (each.sum(axis=0, keepdims=True) for each in (brings, may_bring))
         chances = _BRINGS * _shares(brings) + _MAY_BRING * _shares(may_bring) + _ALIKE / lights
         sums = np.cumsum(chances, axis=1)
@@ -64,6 +64,11 @@ class LightChoice(NamedTuple):
         found = np.clip(found, first, first + self.lights - 1)
         before = np.where(found > first, self.edges[found - 1], rows[:, None])
         return found - first, 1.0 / (_SAMPLES * (self.edges[found] - before))
+
+
+def shares_row(points: int, lights: int) -> bool:
+    """Return True if one row stands for all points, because a row for each would be too large a table, or none."""
+    return not 0 < points * lights <= _MAX_CHANCES
 
 
 def _shares(worth: Float64) -> Float64:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from glpath.lights.lighting import Lighting
 from glpath.lights.mixed import MixedLights
 from glpath.lights.samples import Incident, incident
-from glpath.radiosity.form_factors.light_choice import MANY, Chosen, LightChoice
+from glpath.radiosity.form_factors.light_choice import MANY, Chosen, LightChoice, shares_row
 from glpath.radiosity.mesh.glass import Glass, at_glass
 from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
@@ -32,6 +32,7 @@ from glpath.scene.model import Environment, Float64, Light
 from glpath.system.heartbeat import heartbeat
 from glpath.system.kernels import kernel
 from glpath.system.machine import core_count
+from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
 
@@ -52,6 +53,8 @@ _MAX_AIMED = 256
 _AIMED_TOGETHER = 1024
 #: Maximum number of points in any other task, so that the rays of a task fit into memory.
 _TOGETHER = 4096
+#: Maximum number of pairs of a point and a light whose maximum irradiance is computed at a time.
+_BOUNDS_TOGETHER = 1 << 17
 #: Number of directions, distributed by an environment map's radiance, that many points share.
 _DRAWN = 1 << 14
 #: Occluders closer to a light than this fraction of the ray's length are ignored, because lights may lie on
@@ -190,16 +193,27 @@ class DirectLight:
         lights = self.lighting.punctual
         if len(lights) < MANY:
             return None
+        shared = shares_row(len(points), len(lights))
         parts = [slice(i, i + _TOGETHER) for i in range(0, len(points), _TOGETHER)]
+        size = max(1, _BOUNDS_TOGETHER // len(lights))
 
-        def part(at: slice) -> Float64:
-            each = [self._of_light(light, points[at], normals[at], triangle[at]).mean(axis=1) for light in lights]
-            return np.stack(each, axis=1)
+        def total(rows: Float64) -> Float64:
+            return rows.sum(axis=0, keepdims=True) if shared else rows
 
+        def part(at: slice) -> tuple[Float64, Float64]:
+            p, n, own, near = points[at], normals[at], triangle[at], radius[at]
+            brings = [total(self._of_light(light, p, n, own).mean(axis=1)) for light in lights]
+            blocks = [slice(i, i + size) for i in range(0, len(p), size)]
+            may_bring = [total(self._mixed.bounds(p[some], n[some], near[some])) for some in blocks]
+            return np.stack(brings, axis=1), total(np.concatenate(may_bring))
+
+        found = [(np.zeros((0, len(lights))),) * 2]
         with ThreadPoolExecutor(core_count()) as pool:
-            brings = list(pool.map(part, parts))
-        may_bring = self._mixed.bounds(points, normals, radius)
-        return LightChoice.of(np.concatenate([*brings, np.zeros((0, len(lights)))]), may_bring)
+            for each in pool.map(part, parts):
+                check_time("finding the light of each lamp")
+                found.append(each)
+        brings, may_bring = (total(np.concatenate(each)) for each in zip(*found, strict=True))
+        return LightChoice.of(brings, may_bring)
 
     def _punctual(
         self,

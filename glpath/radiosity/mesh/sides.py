@@ -17,6 +17,7 @@ from glpath.radiosity.shafts.rays import Rays, nearest, rays_of
 from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
+from glpath.scene.pieces import pieces
 from glpath.scene.sight import winding_number
 from glpath.system.kernels import kernel
 from glpath.system.machine import in_threads
@@ -140,7 +141,8 @@ class Solids:
         closed : (T,) bool, True if the triangle belongs to a closed surface; its fronts may point inwards or
                  outwards
         """
-        return cls(scene, closed & ~_inhabited(scene)[scene.triangle_shape], rays or rays_of(scene))
+        of_shape = np.bincount(scene.triangle_shape, closed, len(scene.shapes)) > 0
+        return cls(scene, closed & ~_inhabited(scene, of_shape)[scene.triangle_shape], rays or rays_of(scene))
 
     def open_points(
         self, elements: Elements, sides: Sides, count: int, seed: int | None = None
@@ -180,34 +182,42 @@ class Solids:
         return found.reshape(tested.shape[:2])
 
 
-def _inhabited(scene: Scene) -> NDArray[np.bool_]:
-    """Return (shapes,) bool, True if the camera, a lamp or a positional light is inside a shape of triangles."""
+def _inhabited(scene: Scene, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return (shapes,) bool, True if the camera, a lamp or a positional light is inside a closed shape.
+
+    closed : (shapes,) bool, True for the shapes to test
+
+    One point represents each piece of a lamp, because a shape may hold the lamps of several rooms.
+    """
     inside = np.zeros(len(scene.shapes), bool)
-    points = [
+    points = np.stack([
         scene.camera.at().position,
         *(light.position for light in scene.lights if light.kind != "directional"),
-    ]
-    for part, shape in zip(scene.shapes.ranges, scene.shapes, strict=True):
-        if not (shape.emits and shape.primitive == "triangle" and part.stop > part.start):
-            continue
-        corners = scene.triangles[part]
-        largest = np.argmax(
-            np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        )
-        off = 1e-6 * np.ptp(scene.triangles.reshape(-1, 3), axis=0).max() * scene.normals[part][largest]
-        points += [corners[largest].mean(axis=0) + side * off for side in (1, -1)[: 1 + shape.emission_two_sided]]
-    for number, part in enumerate(scene.shapes.ranges):
-        corners = scene.triangles[part]
-        if scene.shapes[number].primitive == "triangle" and len(corners):
-            low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-            near = [p for p in points if (p > low).all() and (p < high).all()]
-            inside[number] = any(abs(winding_number(corners, point)) > 0.5 for point in near)
+    ])  # fmt: skip
+    emits = np.array([shape.emits for shape in scene.shapes], bool)
+    lamps = np.flatnonzero(emits[scene.triangle_shape])
+    if len(lamps):
+        shape = np.broadcast_to(scene.triangle_shape[lamps, None, None], (len(lamps), 3, 1))
+        piece = pieces(np.concatenate([scene.triangles[lamps], shape], axis=2))
+        order = np.lexsort((-scene.areas[lamps], piece))  # the largest triangle of each piece comes first
+        largest = lamps[order[np.unique(piece[order], return_index=True)[1]]]
+        middles = scene.triangles[largest].mean(axis=1)
+        off = 1e-6 * np.ptp(scene.triangles.reshape(-1, 3), axis=0).max() * scene.normals[largest]
+        both = np.array([shape.emission_two_sided for shape in scene.shapes], bool)[scene.triangle_shape[largest]]
+        points = np.concatenate([points, middles + off, (middles - off)[both]])
+    for number in np.flatnonzero(closed):
+        check_time()
+        corners = scene.triangles[scene.shapes.ranges[number]]
+        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        near = points[((points > low) & (points < high)).all(axis=1)]
+        inside[number] = any(abs(winding_number(corners, point)) > 0.5 for point in near)
     return inside
 
 
 def has_solids(scene: Scene) -> bool:
     """Return True if a shape is a closed surface but not a room, so that other surfaces may be buried in it."""
-    return bool(np.any(closed_shapes(scene) & ~_inhabited(scene)))
+    closed = closed_shapes(scene)
+    return bool(np.any(closed & ~_inhabited(scene, closed)))
 
 
 def in_the_open(

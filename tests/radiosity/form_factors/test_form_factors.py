@@ -8,7 +8,7 @@ import pytest
 from glpath.radiosity import Occluders, Visibility
 from glpath.radiosity.form_factors.form_factor import KINDS, FormFactors, triangle_factor
 from glpath.radiosity.mesh.mesh import Elements, Mesh, divisions_of_size, surfaces
-from glpath.radiosity.mesh.sides import Sides, in_the_open, sub_triangles
+from glpath.radiosity.mesh.sides import Sides, Solids, in_the_open, sub_triangles
 from tests.reference.closed_forms import (
     corner_form_factor,
     facing_rectangles_form_factor,
@@ -161,6 +161,18 @@ def test_a_point_under_a_box_is_buried():
     walls = room(part(cuboid((-2, -2, -2), (2, 2, 2), inside=True)), part(floor))
     assert in_the_open(walls, np.repeat([True, False], [12, 2]), points, up).all()
     assert occluders.solid.any()
+
+
+@pytest.mark.parametrize("joined", [False, True])
+def test_rooms_are_no_solids_if_one_shape_holds_the_lamps_of_all(joined):
+    """Walls of closed boxes with fronts outwards, whose insides are lit by the lamp inside."""
+    walls = [part(cuboid((x, 0, 0), (x + 2, 2, 2)), two_sided=True) for x in (0, 5)]
+    lamps = [rectangle((x, 1, 0.8), (size, 0, 0), (0, 0, size)) for x, size in ((0.9, 0.2), (5.8, 0.4))]
+    lamps = [np.concatenate(lamps)] if joined else lamps
+    block = part(cuboid((0.5, 0, 0.5), (0.7, 0.3, 0.7)))
+    scene = room(*walls, *(part(lamp, emission=1.0) for lamp in lamps), block)
+    solids = Solids.of(scene, np.isin(scene.triangle_shape, [0, 1, scene.triangle_shape[-1]]))
+    assert np.unique(scene.triangle_shape[solids.solid]).tolist() == [len(lamps) + 2]
 
 
 def test_a_penumbra_is_that_of_every_pair_of_points():

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from typing import Any
 
 import numpy as np
 import pytest
 
+from glpath.errors import TimeLimitError
 from glpath.io import scene_from_dict
 from glpath.radiosity.form_factors import light_choice
 from glpath.radiosity.form_factors.light_choice import MANY, Chosen, LightChoice
@@ -15,6 +17,8 @@ from glpath.radiosity.solution import INDIRECT
 from glpath.radiosity.solvers.solve import solve_radiosity
 from glpath.scene.model import Scene
 from glpath.scene.triangulate import path_traceable
+from glpath.system.time_limit import limited
+from tests.support.clock import Clock
 
 
 def hall(lamps: int) -> Scene:
@@ -89,6 +93,41 @@ def test_of_too_many_chances_all_points_have_the_mean(monkeypatch: pytest.Monkey
     drawn, counts = choice.draw(np.array([0, 1, 2]), np.random.default_rng(0))
     assert drawn.shape == (3, 4)
     np.testing.assert_allclose(counts, 0.75)
+
+
+@pytest.mark.parametrize("limit", [8, 1 << 22])
+def test_choices_made_in_parts_are_those_of_all_points(monkeypatch: pytest.MonkeyPatch, limit: int) -> None:
+    monkeypatch.setattr(light_choice, "_MAX_CHANCES", limit)
+    light = DirectLight(hall(40))
+    points, normals, triangle = on_triangles(light.scene, 64)
+    brings = [light._of_light(each, points, normals, triangle).mean(axis=1) for each in light.lighting.punctual]
+    may_bring = light._mixed.bounds(points, normals, np.full(64, 0.5))
+    monkeypatch.setattr("glpath.radiosity.form_factors.lights._TOGETHER", 24)
+    monkeypatch.setattr("glpath.radiosity.form_factors.lights._BOUNDS_TOGETHER", 400)
+    found = light.choice(points, normals, triangle, np.full(64, 0.5))
+    assert found is not None
+    np.testing.assert_allclose(found.edges, LightChoice.of(np.stack(brings, axis=1), may_bring).edges, rtol=1e-12)
+
+
+def test_memory_of_a_choice_does_not_grow_with_points_times_lights(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The vectors between all points and all lights took 118 MB."""
+    monkeypatch.setattr(light_choice, "_MAX_CHANCES", 1 << 20)
+    light = DirectLight(hall(200))
+    points, normals, triangle = on_triangles(light.scene, 8192)
+    monkeypatch.setattr(light, "_of_light", lambda each, at, *_: np.ones((len(at), 3)))
+    tracemalloc.start()
+    light.choice(points, normals, triangle, np.full(8192, 0.5))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50e6
+
+
+def test_the_choice_of_lights_ends_at_the_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    light, clock = DirectLight(hall(40)), Clock(monkeypatch)
+    with limited(1.0):
+        clock.ahead = 2.5
+        with pytest.raises(TimeLimitError, match="over while finding the light of each lamp, before"):
+            light.choice(*on_triangles(light.scene, 8), np.ones(8))
 
 
 @pytest.mark.parametrize("for_camera", [True, False])
