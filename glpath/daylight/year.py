@@ -20,7 +20,7 @@ from glpath.daylight import metrics
 from glpath.daylight.coefficients import DaylightCoefficients, rows_of
 from glpath.daylight.hourly_skies import HourlySkies, Quantity
 from glpath.daylight.receivers import response
-from glpath.errors import UsageError
+from glpath.errors import UsageError, warn
 from glpath.io.weather import Weather, read_weather
 from glpath.system.arguments import checked
 from glpath.system.files import whole_file
@@ -40,6 +40,8 @@ _BLOCK = 1 << 24
 # Maximum difference between the latitudes of coefficients and weather, degrees.
 _LATITUDE = 2.5
 _WATTS_PER_KILOWATT = 1000.0
+# Minimum number of hours of a whole year.
+_HOURS_OF_YEAR = 8760
 # WMO threshold of sunshine: direct normal irradiance, W m^-2.
 _SUNSHINE = 120.0
 
@@ -253,6 +255,8 @@ def daylight_year(
     threshold    : illuminance threshold of daylight autonomy, lx
     ground       : albedo of the ground around the scene, which reflects light from below the horizon
 
+    Warns with SceneWarning if the weather is of a part of a year.
+
     Raises UsageError for coefficients without suns or of another latitude, or if those with blinds have other
     sensors. Raises SceneError for invalid weather files, and GlpathError if pvlib is missing.
 
@@ -266,6 +270,11 @@ def daylight_year(
     of = weather if isinstance(weather, Weather) else read_weather(weather)
     groups = () if blinds is None else (blinds,) if isinstance(blinds, DaylightCoefficients) else tuple(blinds)
     _check_alike(coefficients, of, groups)
+    if len(of.times) < _HOURS_OF_YEAR:
+        warn(
+            f"{of.source}: has {len(of.times):,} of the {_HOURS_OF_YEAR:,} hours of a year. Autonomy, sDA, ASE and "
+            "all sums are of this part alone."
+        )
     skies = HourlySkies.of(of, coefficients, ground)
     begin = (of.times - of.times.astype("datetime64[D]")).astype("timedelta64[s]").astype(np.float64) / 3600
     counted = (begin >= first) & (begin + 1 <= last)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -253,7 +254,15 @@ def test_what_does_not_fit_is_refused(
         tmp_path / "nights.epw", change=lambda _, row: row if row[1] == "1" and int(row[3]) < 4 else None
     )
     with pytest.warns(glpath.SceneWarning, match="missing"), pytest.raises(UsageError, match="no hour"):
-        daylight_year(open_ground, january)
+        daylight_year(open_ground, january, occupied=(8.2, 8.9))
+
+
+def test_a_year_of_one_data_period_is_reported(open_ground: DaylightCoefficients, weather: Weather) -> None:
+    arrays = ("times", "direct_normal", "diffuse_horizontal", "dew_point")
+    january = replace(weather, **{name: getattr(weather, name)[: 31 * 24] for name in arrays})
+    with pytest.warns(glpath.SceneWarning, match=r"has 744 of the 8,760 hours of a year\. .*sDA, ASE"):
+        found = daylight_year(open_ground, january)
+    assert found.occupied.sum() == 310
 
 
 def test_polar_nights_are_dark(tmp_path: Path) -> None:
