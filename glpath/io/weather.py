@@ -415,7 +415,7 @@ def _of_one_year(begin: Times) -> Times:
 def _day_of_year(times: Times) -> NDArray[np.int64]:
     """Return 100 * month + day of each time, both counted from 1."""
     month, day, _ = _in_year(times)
-    return 100 * (month + 1) + day + 1
+    return np.asarray(100 * (month + 1) + day + 1)
 
 
 def _with_missing_hours(times: Times, periods: list[tuple[int, int]]) -> Times:
