@@ -49,7 +49,7 @@ _SUNSHINE = 120.0
 @checked
 @dataclass(frozen=True, eq=False)
 class DaylightYear:
-    """Daylight of N sensors in the H hours of `weather`. Fractions are from 0 to 1.
+    """Daylight of N sensors in the H hours of `weather`. Fractions are from 0 to 1; those of texels are by area.
 
     coefficients : coefficients of the sensors
     weather      : weather of the site
@@ -91,12 +91,12 @@ class DaylightYear:
 
         It is the fraction of sensors whose daylight autonomy is half or more; the default threshold is 300 lx.
         """
-        return metrics.spatial_autonomy(self.autonomy) if self.blinds else None
+        return self.autonomous_share if self.blinds else None
 
     @property
     def autonomous_share(self) -> float:
         """Fraction of sensors whose daylight autonomy is half or more, with or without blinds."""
-        return metrics.spatial_autonomy(self.autonomy)
+        return metrics.spatial_autonomy(self.autonomy, weights=self.coefficients.sensor_weights)
 
     @property
     def ase(self) -> float:
@@ -104,7 +104,7 @@ class DaylightYear:
 
         It counts sensors with more than 250 occupied hours of 1000 lx or more of direct sunlight, blinds open.
         """
-        return metrics.sunlight_exposure(self.sunlight_hours)
+        return metrics.sunlight_exposure(self.sunlight_hours, weights=self.coefficients.sensor_weights)
 
     def light(self, rows: slice = slice(None), quantity: Quantity = "illuminance") -> Float32:
         """Return (n, H) float32 light of some sensors in all hours, lx or W m^-2, with blinds as in `closed`."""
@@ -281,15 +281,15 @@ def daylight_year(
     if not counted.any():
         raise UsageError(f"occupied: no hour of {of.source} lies from {first:g} to {last:g}.")
     closed = np.zeros((len(groups), len(of.times)), np.bool_)
-    count = len(coefficients)
+    count, weights = len(coefficients), coefficients.sensor_weights
     for is_closed, group in zip(closed, groups, strict=True):
         sunlit = np.zeros(len(skies))
         for part in _parts(count, len(skies)):
             sunlight = _sunlight(coefficients, skies, part)
             if len(groups) > 1:  # count only the sunlight that the blinds of this group would block
                 sunlight -= _sunlight(group, skies, part)
-            sunlit += (part.stop - part.start) * metrics.sunlit_share(sunlight)
-        is_closed[skies.hours] = metrics.blinds_closed(sunlit / count)
+            sunlit += weights[part].sum() * metrics.sunlit_share(sunlight, weights=weights[part])
+        is_closed[skies.hours] = metrics.blinds_closed(sunlit / weights.sum())
     year = DaylightYear(
         coefficients,
         of,
