@@ -171,7 +171,9 @@ def daylight(
     ] = 1024,
     north: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="Default: y where z is up, -z where y is up.", rich_help_panel=_SKY),
+        typer.Option(
+            metavar="X,Y,Z", help="Default: the sky's, else y where z is up, -z where y is.", rich_help_panel=_SKY
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the directions.", rich_help_panel=_SKY)] = 0,
     shard: Annotated[
