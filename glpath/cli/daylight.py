@@ -171,7 +171,9 @@ def daylight(
     ] = 1024,
     north: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="Default: y where z is up, -z where y is up.", rich_help_panel=_SKY),
+        typer.Option(
+            metavar="X,Y,Z", help="Default: the sky's, else y where z is up, -z where y is.", rich_help_panel=_SKY
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the directions.", rich_help_panel=_SKY)] = 0,
     shard: Annotated[
@@ -395,8 +397,9 @@ def _summary(found: DaylightCoefficients) -> Iterator[str]:
         f"{len(found):,} sensors, {len(found.patches) - 1:,} patches of the sky and the ground, "
         f"{len(found.suns):,} positions of the sun, {len(found.directions):,} directions"
     )
-    view = found.sky_view
-    yield f"  sky view factor: mean {view.mean():.4f}, minimum {view.min():.4f}, maximum {view.max():.4f}"
+    view, weights = found.sky_view, found.sensor_weights
+    mean = np.average(view, weights=weights)
+    yield f"  sky view factor: mean {mean:.4f}, minimum {view.min():.4f}, maximum {view.max():.4f}"
     error = found.standard_errors
     if np.isfinite(error).all():
         relative = error / np.maximum(found.sky_sums, 1e-30)
@@ -407,7 +410,7 @@ def _summary(found: DaylightCoefficients) -> Iterator[str]:
         yield "  direct light alone"
     else:
         direct = np.concatenate([found.direct_sky(slice(a, a + 1024)).sum(1) for a in range(0, len(found), 1024)])
-        share = 1.0 - direct.sum() / max(float(found.sky_sums.sum()), 1e-30)
+        share = 1.0 - weights @ direct / max(float(weights @ found.sky_sums), 1e-30)
         yield f"  {100 * share:.0f} % of the light under a uniform sky is reflected"
         if found.indirect.bias is not None:
             yield f"  bias of the reflected light: {found.indirect.bias}"

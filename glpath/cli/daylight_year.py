@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from glpath.errors import UsageError
 from glpath.system.files import Save, is_stream
 from glpath.system.numerals import real
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from glpath.daylight.coefficients import DaylightCoefficients
     from glpath.daylight.year import DaylightYear
     from glpath.io.weather import Weather
@@ -94,13 +97,18 @@ def year_request(
 
 def year_summary(year: DaylightYear) -> Iterator[str]:
     """Yield the printed lines of the annual results."""
+    from numpy import average
+
+    def mean(values: NDArray[np.float64]) -> Any:
+        return average(values, axis=0, weights=year.coefficients.sensor_weights)
+
     occupied = int(year.occupied.sum())
     yield f"{year.weather.site}: {occupied:,} occupied hours, {len(year.skies):,} hours of daylight"
     yield (
-        f"  daylight autonomy ({year.threshold:g} lx): mean {100 * year.autonomy.mean():.1f} %, minimum "
-        f"{100 * year.autonomy.min():.1f} %; mean illuminance {year.mean.mean():,.0f} lx"
+        f"  daylight autonomy ({year.threshold:g} lx): mean {100 * mean(year.autonomy):.1f} %, minimum "
+        f"{100 * year.autonomy.min():.1f} %; mean illuminance {mean(year.mean):,.0f} lx"
     )
-    low, middle, enough, high = 100 * year.useful.mean(axis=0)
+    low, middle, enough, high = 100 * mean(year.useful)
     yield (
         f"  useful daylight: {low:.1f} % of the time below 100 lx, {middle:.1f} % to 300, {enough:.1f} % to 3000, "
         f"{high:.1f} % above"
@@ -115,8 +123,8 @@ def year_summary(year: DaylightYear) -> Iterator[str]:
         )
     yield f"  ASE1000,250h: {100 * year.ase:.1f} %"
     yield (
-        f"  irradiation {year.irradiation.sum(axis=1).mean():,.0f} kWh/m2, hours of sun "
-        f"{year.sun_hours.sum(axis=1).mean():,.0f}, in the mean"
+        f"  irradiation {mean(year.irradiation.sum(axis=1)):,.0f} kWh/m2, hours of sun "
+        f"{mean(year.sun_hours.sum(axis=1)):,.0f}, in the mean"
     )
 
 

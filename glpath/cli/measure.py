@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -211,7 +211,7 @@ def measure(
         loaded = read_scene(scene, parameters)
     loaded = maintained(lit(loaded, white_sky, ambient=options.get("ambient")), maintenance_factor)
     if daylight_factor:
-        _check_makes_per_cent(loaded, receiver)
+        _check_makes_per_cent(loaded, receiver, options.get("ambient"))
     if plane is not None:
         at = grid_of(plane, spacing, area, loaded, margin=margin or 0.0, normal=vector("--normal", normal))
     else:
@@ -263,18 +263,27 @@ def measure(
         )
 
 
-def _check_makes_per_cent(scene: Scene, receiver: str) -> None:
+def _check_makes_per_cent(scene: Scene, receiver: str, ambient: float | Sequence[float] | None) -> None:
     """Raise UsageError unless the scene's sky alone gives 100 lx on open ground.
 
     Only then is the illuminance in lx the daylight factor in per cent.
+
+    ambient : ambient radiance that replaces the scene's
     """
+    import numpy as np
+
     from glpath.scene.sky_map import open_ground
 
     if receiver != "plane":
         raise UsageError(f"--daylight-factor beside --receiver {receiver}: it is of planes.", "Leave one out.")
-    others = bool(scene.lights) or any(shape.emits for shape in scene.shapes)
-    if scene.sky is None or others or getattr(scene.sky, "sun", None) is not None:
-        found = "no sky" if scene.sky is None else "lamps besides its sky" if others else "a sun in its sky"
+    others = {
+        "no sky": scene.sky is None,
+        "lamps besides its sky": scene.lights or any(shape.emits for shape in scene.shapes),
+        "a sun in its sky": getattr(scene.sky, "sun", None) is not None,
+        "ambient light": np.any(np.asarray(scene.ambient if ambient is None else ambient) > 0),
+    }
+    found = next((name for name, present in others.items() if present), None)
+    if scene.sky is None or found is not None:
         raise UsageError(
             f"--daylight-factor: {scene.source or scene.name} has {found}; it is of an overcast sky alone.",
             'Give it sky = { type = "cie", cie_type = 1, illuminance = 100 }, and no other light.',

@@ -239,6 +239,11 @@ class DaylightCoefficients:
         return self._sums[1]
 
     @cached_property
+    def sensor_weights(self) -> Float64:
+        """Weights (N,) of the sensors in means and shares: areas of texels; 1 for other sensors."""
+        return np.ones(len(self)) if self.texels is None else self.texels.areas
+
+    @cached_property
     def sky_view(self) -> Float64:
         """Sky view factors (N,) float64: irradiance under a white sky and black ground, relative to open ground."""
         return np.concatenate(

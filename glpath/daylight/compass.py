@@ -9,13 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError
 from glpath.scene import Scene
+from glpath.scene.sky import NORTH
 from glpath.system.arguments import short_repr
 
 Float64 = NDArray[np.float64]
-
-# Default north by index of the up axis. North is y if z is up. The usual rotation from z-up to y-up turns this
-# direction to -z.
-_NORTH = {0: (0.0, 1.0, 0.0), 1: (0.0, 0.0, -1.0), 2: (0.0, 1.0, 0.0)}
 
 
 @dataclass(frozen=True)
@@ -31,7 +28,7 @@ class Compass:
 
         up    : (3,); None: the sky's up direction, rounded to the nearest axis. The camera's up direction replaces
                 it if the scene has no sky, or a sky that was added for lack of lights
-        north : (3,), of which only the horizontal part is used; None: y if z is up, -z if y is up
+        north : (3,), of which only the horizontal part is used; None: the sky's, otherwise that of `NORTH`
 
         Raises UsageError for invalid vectors, and for a north that is vertical.
         """
@@ -43,7 +40,9 @@ class Compass:
             upward[axis] = np.sign(given[axis])
         else:
             upward = _unit("up", up)
-        given_north = _NORTH[int(np.argmax(np.abs(upward)))] if north is None else north
+        given_north = getattr(scene.sky, "north", None) if north is None else north
+        if given_north is None:
+            given_north = NORTH[int(np.argmax(np.abs(upward)))]
         level = _unit("north", given_north)
         level = level - (level @ upward) * upward
         if np.linalg.norm(level) < 1e-6:

@@ -1,6 +1,7 @@
 """Annual daylight metrics: daylight autonomy, useful daylight, sunlight exposure, and the hours with closed blinds.
 
-All functions take only the hours to count, such as those in which a room is occupied.
+All functions take only the hours to count, such as those in which a room is occupied. Fractions of the
+sensors are by `weights` (N,), such as areas; by default all sensors count equally.
 
 Source:   Reinhart & Walkenhorst 2001 for daylight autonomy; Nabil & Mardaljevic 2006, Useful daylight illuminances,
           with the bounds of Mardaljevic et al. 2012; IES LM-83-12, Spatial daylight autonomy (sDA) and annual
@@ -50,12 +51,12 @@ def useful_daylight(lux: ArrayLike, bounds: tuple[float, float, float] = USEFUL)
     )
 
 
-def sunlit_share(sunlight: ArrayLike, limit: float = SUNLIGHT) -> Float64:
+def sunlit_share(sunlight: ArrayLike, limit: float = SUNLIGHT, weights: ArrayLike | None = None) -> Float64:
     """Return (H,) float64 fraction of the sensors with `limit` lx or more of direct sunlight in each hour.
 
     sunlight : (N, H) illuminance by direct sunlight through windows without blinds, lx
     """
-    return np.asarray(np.mean(np.asarray(sunlight) >= limit, axis=0))
+    return _fraction(np.asarray(sunlight) >= limit, weights)
 
 
 def blinds_closed(sunlit: ArrayLike, share: float = BLINDS) -> Bools:
@@ -66,14 +67,20 @@ def blinds_closed(sunlit: ArrayLike, share: float = BLINDS) -> Bools:
     return np.asarray(np.asarray(sunlit) > share)
 
 
-def spatial_autonomy(autonomy: ArrayLike, share: float = AUTONOMY_SHARE) -> float:
+def spatial_autonomy(autonomy: ArrayLike, share: float = AUTONOMY_SHARE, weights: ArrayLike | None = None) -> float:
     """Return the fraction of sensors with a daylight autonomy of `share` or more: sDA if blinds are operated."""
-    return float(np.mean(np.asarray(autonomy) >= share))
+    return float(_fraction(np.asarray(autonomy) >= share, weights))
 
 
-def sunlight_exposure(hours: ArrayLike, limit: float = SUNLIGHT_HOURS) -> float:
+def sunlight_exposure(hours: ArrayLike, limit: float = SUNLIGHT_HOURS, weights: ArrayLike | None = None) -> float:
     """Return ASE, the fraction of sensors that have more than `limit` hours of sunlight in a year.
 
     hours : (N,) occupied hours with `SUNLIGHT` lx or more of direct sunlight, without blinds
     """
-    return float(np.mean(np.asarray(hours) > limit))
+    return float(_fraction(np.asarray(hours) > limit, weights))
+
+
+def _fraction(condition: Bools, weights: ArrayLike | None) -> Float64:
+    """Return the fraction of sensors, along the first axis, for which `condition` is True."""
+    weight = np.ones(len(condition)) if weights is None else np.asarray(weights, np.float64)
+    return np.asarray(weight @ condition / weight.sum())

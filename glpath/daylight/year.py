@@ -20,7 +20,7 @@ from glpath.daylight import metrics
 from glpath.daylight.coefficients import DaylightCoefficients, rows_of
 from glpath.daylight.hourly_skies import HourlySkies, Quantity
 from glpath.daylight.receivers import response
-from glpath.errors import UsageError
+from glpath.errors import UsageError, warn
 from glpath.io.weather import Weather, read_weather
 from glpath.system.arguments import checked
 from glpath.system.files import whole_file
@@ -40,6 +40,8 @@ _BLOCK = 1 << 24
 # Maximum difference between the latitudes of coefficients and weather, degrees.
 _LATITUDE = 2.5
 _WATTS_PER_KILOWATT = 1000.0
+# Minimum number of hours of a whole year.
+_HOURS_OF_YEAR = 8760
 # WMO threshold of sunshine: direct normal irradiance, W m^-2.
 _SUNSHINE = 120.0
 
@@ -47,7 +49,7 @@ _SUNSHINE = 120.0
 @checked
 @dataclass(frozen=True, eq=False)
 class DaylightYear:
-    """Daylight of N sensors in the H hours of `weather`. Fractions are from 0 to 1.
+    """Daylight of N sensors in the H hours of `weather`. Fractions are from 0 to 1; those of texels are by area.
 
     coefficients : coefficients of the sensors
     weather      : weather of the site
@@ -89,12 +91,12 @@ class DaylightYear:
 
         It is the fraction of sensors whose daylight autonomy is half or more; the default threshold is 300 lx.
         """
-        return metrics.spatial_autonomy(self.autonomy) if self.blinds else None
+        return self.autonomous_share if self.blinds else None
 
     @property
     def autonomous_share(self) -> float:
         """Fraction of sensors whose daylight autonomy is half or more, with or without blinds."""
-        return metrics.spatial_autonomy(self.autonomy)
+        return metrics.spatial_autonomy(self.autonomy, weights=self.coefficients.sensor_weights)
 
     @property
     def ase(self) -> float:
@@ -102,7 +104,7 @@ class DaylightYear:
 
         It counts sensors with more than 250 occupied hours of 1000 lx or more of direct sunlight, blinds open.
         """
-        return metrics.sunlight_exposure(self.sunlight_hours)
+        return metrics.sunlight_exposure(self.sunlight_hours, weights=self.coefficients.sensor_weights)
 
     def light(self, rows: slice = slice(None), quantity: Quantity = "illuminance") -> Float32:
         """Return (n, H) float32 light of some sensors in all hours, lx or W m^-2, with blinds as in `closed`."""
@@ -254,6 +256,8 @@ def daylight_year(
     threshold    : illuminance threshold of daylight autonomy, lx
     ground       : albedo of the ground around the scene, which reflects light from below the horizon
 
+    Warns with SceneWarning if the weather is of a part of a year.
+
     Raises UsageError for coefficients without suns or of another latitude, or if those with blinds have other
     sensors. Raises SceneError for invalid weather files, and GlpathError if pvlib is missing.
 
@@ -267,21 +271,26 @@ def daylight_year(
     of = weather if isinstance(weather, Weather) else read_weather(weather)
     groups = () if blinds is None else (blinds,) if isinstance(blinds, DaylightCoefficients) else tuple(blinds)
     _check_alike(coefficients, of, groups)
+    if len(of.times) < _HOURS_OF_YEAR:
+        warn(
+            f"{of.source}: has {len(of.times):,} of the {_HOURS_OF_YEAR:,} hours of a year. Autonomy, sDA, ASE and "
+            "all sums are of this part alone."
+        )
     skies = HourlySkies.of(of, coefficients, ground)
     begin = (of.times - of.times.astype("datetime64[D]")).astype("timedelta64[s]").astype(np.float64) / 3600
     counted = (begin >= first) & (begin + 1 <= last)
     if not counted.any():
         raise UsageError(f"occupied: no hour of {of.source} lies from {first:g} to {last:g}.")
     closed = np.zeros((len(groups), len(of.times)), np.bool_)
-    count = len(coefficients)
+    count, weights = len(coefficients), coefficients.sensor_weights
     for is_closed, group in zip(closed, groups, strict=True):
         sunlit = np.zeros(len(skies))
         for part in _parts(count, len(skies)):
             sunlight = _sunlight(coefficients, skies, part)
             if len(groups) > 1:  # count only the sunlight that the blinds of this group would block
                 sunlight -= _sunlight(group, skies, part)
-            sunlit += (part.stop - part.start) * metrics.sunlit_share(sunlight)
-        is_closed[skies.hours] = metrics.blinds_closed(sunlit / count)
+            sunlit += weights[part].sum() * metrics.sunlit_share(sunlight, weights=weights[part])
+        is_closed[skies.hours] = metrics.blinds_closed(sunlit / weights.sum())
     year = DaylightYear(
         coefficients,
         of,

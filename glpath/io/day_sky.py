@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +17,7 @@ from glpath.io.values import unit
 from glpath.io.weather import read_weather
 from glpath.scene.model import Environment, Float64
 from glpath.scene.perez_sky import PRECIPITABLE_WATER, SOLAR_CONSTANT, Daylight, PerezSky, extraterrestrial
+from glpath.scene.sky import NORTH
 from glpath.scene.source_location import SourceLocation
 
 _WHERE = ("altitude", "azimuth", "latitude", "longitude", "timezone", "time", "weather", "north")
@@ -35,6 +37,7 @@ class _Sun(NamedTuple):
     extraterrestrial : irradiance of a surface that faces the sun above the atmosphere, W m^-2
     irradiance       : direct normal and diffuse horizontal irradiance, W m^-2; None if fields of the sky give them
     water            : precipitable water, cm
+    north            : (3,) unit vector from which azimuths count; None if the file gives `sun`
     """
 
     direction: Float64
@@ -42,6 +45,7 @@ class _Sun(NamedTuple):
     extraterrestrial: float
     irradiance: tuple[float, float] | None
     water: float = PRECIPITABLE_WATER
+    north: Float64 | None = None
 
 
 def day_sky(
@@ -75,7 +79,7 @@ def day_sky(
     ground = _GROUND[str(given.type)] if isinstance(given.ground, UnsetType) else given.ground
     has_sky, has_sun = given.type == "perez", given.sun_disc is not False
     light = Daylight(sky, sun.direction, of_direct * direct * has_sun, of_diffuse * diffuse * has_sky, ground)
-    return light.environment(up, solar=solar)
+    return replace(light.environment(up, solar=solar), north=sun.north)
 
 
 def north_of(up: Float64, given: object, location: SourceLocation) -> Float64:
@@ -84,9 +88,7 @@ def north_of(up: Float64, given: object, location: SourceLocation) -> Float64:
     Raises SceneError.
     """
     if isinstance(given, UnsetType):
-        # If y or z is up, east is x, as on a map with x to the right and north at the top.
-        usual = ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0])
-        towards = np.array(usual[int(np.argmax(np.abs(up)))])
+        towards = np.array(NORTH[int(np.argmax(np.abs(up)))])
     else:
         towards = unit(given, location.field("north"), "north = [0, 1, 0]")  # type: ignore[arg-type]
     across = towards - (towards @ up) * up
@@ -140,12 +142,13 @@ def _sun(given: description.Sky, up: Float64, location: SourceLocation, folder: 
         if altitude > 90:
             raise location.field("altitude").wrong(altitude, "from 0 to 90 degrees", "90 is overhead.")
         direction = towards(_above(altitude, location.field("altitude")), azimuth, north, up)
-        return _Sun(direction, altitude, SOLAR_CONSTANT, None)
-    return (
+        return _Sun(direction, altitude, SOLAR_CONSTANT, None, north=north)
+    of_time = (
         _of_site(given, up, north, location)
         if "latitude" in chosen[0]
         else _of_weather(given, up, north, location, folder)
     )
+    return of_time._replace(north=north)
 
 
 def _of_site(given: description.Sky, up: Float64, north: Float64, location: SourceLocation) -> _Sun:

@@ -47,6 +47,9 @@ _EPW_HEAD = 8
 _EPW_LAST = "DATA PERIODS"
 # Text at the start of the line about leap years in an EPW file.
 _EPW_HOLIDAYS = "HOLIDAYS/DAYLIGHT SAVING"
+# First and last day of a year, and 29 February, as 100 * month + day.
+_WHOLE_YEAR = 101, 1231
+_LEAP_DAY = 229
 # Number of fields in a row of an EPW file.
 _EPW_FIELDS = 35
 # Number of lines before the first hour of a TMY3 file.
@@ -71,11 +74,12 @@ class Weather:
     latitude, longitude : degrees, north and east
     time_zone           : hours east of Greenwich
     elevation           : metres above the sea
-    times               : (H,) datetime64[s] in local standard time, at which the hours begin, ascending
+    times               : (H,) datetime64[s] in local standard time, at which the hours begin, ascending. They are
+                          all hours of the year, or of the data periods in an EPW file's head
     direct_normal       : (H,) float64, irradiance of a surface that faces the sun, W m^-2
     diffuse_horizontal  : (H,) float64, irradiance of a horizontal surface by the sky alone, W m^-2
     dew_point           : (H,) float64, degrees Celsius; NaN if the file has none
-    missing             : number of hours without irradiance in the file, which count as dark
+    missing             : number of hours without a row or without irradiance in the file, which count as dark
     after_dark          : number of hours with light although the sun is down throughout, which count as dark
     """
 
@@ -145,6 +149,8 @@ class Weather:
 def read_weather(path: Path | str) -> Weather:
     """Return the weather of an EPW or TMY3 file.
 
+    Hours of the year without a row are dark. An EPW file whose head names data periods has only their hours.
+
     Warns with SceneWarning of missing hours, of missing irradiance, and of a time zone far from the longitude.
     Warns also if sun positions do not fit the light, as after dark or for another hemisphere.
 
@@ -182,18 +188,18 @@ def _epw(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
     if not text.startswith("LOCATION"):
         raise SceneError(f'{path}: begins with "{text[:20]!s}", but an EPW file begins with LOCATION.')
     _check_head(text, path, 6)
-    plain, lines = _plain_epw(text, path)
+    plain, lines, periods = _plain_epw(text, path)
     table, site = _parsed("read_epw", plain, path)
     begin = _without_zone(table)
-    return _with_lines(table, lines), {**site, "name": site.get("city", "")}, begin
+    return _with_lines(table, lines), {**site, "name": site.get("city", ""), "periods": periods}, begin
 
 
-def _plain_epw(text: str, path: Path) -> tuple[str, list[int]]:
-    """Return the text of an EPW file in the form that pvlib reads, and the line numbers of its rows, from 1.
+def _plain_epw(text: str, path: Path) -> tuple[str, list[int], list[tuple[int, int]]]:
+    """Return the text of an EPW file in the form that pvlib reads, line numbers of its rows, and its data periods.
 
     EnergyPlus accepts more forms than pvlib. The result has no comments in the head. Each row
     has all fields. Hours are from 1 to 24, and there is no 29 February that the head does not allow. A field that
-    is missing at the end of a row is empty.
+    is missing at the end of a row is empty. Line numbers are from 1; for the periods see `_data_periods`.
     """
     # str.splitlines also splits at characters such as U+0085, which may be bytes of letters.
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
@@ -208,7 +214,22 @@ def _plain_epw(text: str, path: Path) -> tuple[str, list[int]]:
     for number, row in rows.items():
         _check_time(row, f"{path}: line {number}")
     head = [lines[0], *["-"] * (_EPW_HEAD - 1)]
-    return "\n".join([*head, *(",".join(row) for row in rows.values())]) + "\n", list(rows)
+    plain = "\n".join([*head, *(",".join(row) for row in rows.values())]) + "\n"
+    return plain, list(rows), _data_periods(lines[last[-1]] if last else "")
+
+
+def _data_periods(line: str) -> list[tuple[int, int]]:
+    """Return the first and the last day, 100 * month + day, of each period in the line DATA PERIODS of an EPW head.
+
+    If none is written as month/day, the period is the whole year.
+    """
+    words = line.split(",")
+    days = ([re.match(r" *([0-9]{1,2}) */ *([0-9]{1,2})", word) for word in words[at::4]] for at in (5, 6))
+    return [
+        (100 * int(first[1]) + int(first[2]), 100 * int(last[1]) + int(last[2]))
+        for first, last in zip(*days, strict=False)
+        if first and last
+    ] or [_WHOLE_YEAR]
 
 
 def _without_leap_day(rows: dict[int, list[str]], head: list[str], path: Path) -> dict[int, list[str]]:
@@ -344,11 +365,16 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
             f"earlier: {_shown(times[row - 1])}.",
             "A row an hour, in the order of time. Files with several rows an hour are not read.",
         )
-    direct, diffuse, total = (_irradiance(table, name, source) for name in ("dni", "dhi", "ghi"))
-    missing = ~(np.isfinite(direct) & np.isfinite(diffuse))
-    direct[missing] = diffuse[missing] = 0.0
     dew = _column(table, "temp_dew", source) if "temp_dew" in table else np.full(len(times), np.nan)
     dew = np.where(np.abs(dew) < 90, dew, np.nan)
+    first, last = _day_of_year(begin[[0, -1]]).tolist()
+    hours = _with_missing_hours(times, [*site.get("periods", [_WHOLE_YEAR]), (first, last)])
+    values = np.full((4, len(hours)), np.nan)
+    rows = np.searchsorted(hours, times)
+    values[:, rows] = *(_irradiance(table, name, source) for name in ("dni", "dhi", "ghi")), dew
+    direct, diffuse, total, dew = values
+    missing = ~(np.isfinite(direct) & np.isfinite(diffuse))
+    direct[missing] = diffuse[missing] = 0.0
     weather = Weather(
         source,
         str(site["name"]).strip(' "'),
@@ -356,7 +382,7 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
         longitude,
         zone,
         site["altitude"],
-        times,
+        hours,
         direct,
         diffuse,
         dew,
@@ -368,7 +394,7 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
     off = float(np.abs(total - of_sun - diffuse)[lit].sum() + (direct + diffuse)[down].sum())
     light = float(total[known].sum())
     direct[down] = diffuse[down] = 0.0
-    _report(weather, int((steps // 3600 - 1).clip(0).sum()), int(missing.sum()), off / light if light > 0 else 0.0)
+    _report(weather, np.setdiff1d(hours, times), int(missing[rows].sum()), off / light if light > 0 else 0.0)
     object.__setattr__(weather, "missing", int(missing.sum()))
     object.__setattr__(weather, "after_dark", int(down.sum()))
     return weather
@@ -384,6 +410,30 @@ def _of_one_year(begin: Times) -> Times:
     first = np.datetime64(str(year), "M") + month
     in_month = begin - begin.astype("datetime64[M]").astype("datetime64[s]")
     return np.asarray(first.astype("datetime64[s]") + in_month)
+
+
+def _day_of_year(times: Times) -> NDArray[np.int64]:
+    """Return 100 * month + day of each time, both counted from 1."""
+    month, day, _ = _in_year(times)
+    return np.asarray(100 * (month + 1) + day + 1)
+
+
+def _with_missing_hours(times: Times, periods: list[tuple[int, int]]) -> Times:
+    """Return `times`, which are of one year, and all other hours of the periods, ascending.
+
+    29 February is left out if it has no hour in `times`, because typical years have no such day.
+
+    periods : first and last day of each, 100 * month + day; the first may be later, for a period over New Year
+    """
+    year = times[0].astype("datetime64[Y]")
+    hours = np.arange(year, year + 1, dtype="datetime64[h]").astype("datetime64[s]")
+    day = _day_of_year(hours)
+    expected = np.zeros(len(hours), np.bool_)
+    for first, last in periods:
+        expected |= (day >= first) & (day <= last) if first <= last else (day >= first) | (day <= last)
+    if _LEAP_DAY not in _day_of_year(times):
+        expected &= day != _LEAP_DAY
+    return np.union1d(times, hours[expected])
 
 
 def _irradiance(table: Any, name: str, source: str) -> Float64:
@@ -424,11 +474,13 @@ def _column(table: Any, name: str, source: str) -> Float64:
     return np.array([real(str(value)) for value in column])
 
 
-def _report(weather: Weather, gaps: int, missing: int, off: float) -> None:
+def _report(weather: Weather, absent: Times, missing: int, off: float) -> None:
     source, hours = weather.source, len(weather.times)
-    if gaps:
-        step = int(np.flatnonzero(np.diff(weather.times).astype(np.int64) > 3600)[0])
-        warn(f"{source}: {gaps:,} hours are missing between others, the first after {_shown(weather.times[step])}.")
+    if len(absent):
+        warn(
+            f"{source}: {len(absent):,} of {hours:,} hours are missing, the first at {_shown(absent[0])}; they "
+            "count as dark."
+        )
     if missing:
         warn(f"{source}: {missing:,} of {hours:,} hours have no irradiance; they count as dark.")
     if abs(15 * weather.time_zone - weather.longitude) > _ZONE:

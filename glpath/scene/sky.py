@@ -25,6 +25,10 @@ from glpath.system.arguments import checked_fields
 
 Float64 = NDArray[np.float64]
 
+#: Default north, by the index of the coordinate axis nearest to `up`. If y or z is up, east is x, as on a map with
+#: x to the right and north at the top.
+NORTH = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)
+
 # Maximum ratio of a sky's maximum radiance to its `typical_radiance`. The sums of an image can hold it, because
 # they hold nearly 2**24 times the typical radiance (`glpath.gl.sums`).
 _SUMS_HOLD = 2.0**20
@@ -111,6 +115,7 @@ class Environment:
     solar    : True if its watts are of the whole solar spectrum, so that a watt is not 179 lumens
     cut      : True if rows above and below the horizon are not blended; needs an even number of rows. Meant for
                analytic skies with a ground, whose edge a blend would darken by half a row
+    north    : (3,) float64, horizontal direction to the north from which the sun's azimuth counts; None if unknown
 
     Without a rotation, the centre of the image lies along the axis after the one nearest to `up`, in the order x,
     y, z, x. With y up, that is +z, as in Mitsuba; with z up, +x, as in Blender. three.js, and Blender's exports
@@ -130,10 +135,13 @@ class Environment:
     sun: Sun | None = None
     solar: bool = False
     cut: bool = False
+    north: Float64 | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "image", np.ascontiguousarray(self.image, np.float32))
         object.__setattr__(self, "up", vector("Environment.up", self.up))
+        if self.north is not None:
+            object.__setattr__(self, "north", vector("Environment.north", self.north))
         shape = self.image.shape
         if len(shape) != 3 or shape[2] != 3 or not self.image.size:
             raise SceneError(f"Environment.image: an array of shape {shape}, but must be (h, w, 3).")

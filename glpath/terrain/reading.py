@@ -34,8 +34,20 @@ CLOUD_SUFFIXES = (".las", ".laz")
 
 # Suffixes of world files, which hold the georeference of a TIFF [ESRI].
 _WORLD_FILES = (".tfw", ".tifw", ".wld")
-# Maximum size of a world file, bytes.
-_MAX_WORLD_BYTES = 4096
+# Maximum size of a world file, or of a .prj file, bytes.
+_MAX_BESIDE_BYTES = 4096
+# Text in a .prj file of longitudes and latitudes: WKT, or ARC/INFO's older lines.
+_IN_DEGREES = re.compile(
+    rb'\A\s*(COMPD_CS\["[^"]*",\s*)?GEOG(CS|CRS|RAPHIC)|^\s*(Projection\s+GEOGRAPHIC|Units\s+(DD|DS|DMS)\b)',
+    re.IGNORECASE | re.MULTILINE,
+)
+# Maximum distance of samples in degrees: a grid of the world by tenths of a degree.
+_MAX_DEGREES = 0.1
+# Radius of the earth at the equator, metres.
+_EARTH_RADIUS = 6_378_137.0
+# Maximum difference from 1 of the ratio of map to ground. Web Mercator reaches it at a latitude of 18 degrees.
+_MAX_STRETCH = 0.05
+_PROJECT = "Project it: gdalwarp -t_srs EPSG:... (UTM: EPSG:326ZZ in the north, 327ZZ in the south)."
 # Maximum size of an ASCII grid whose heights are counted even if they cannot be as many as its header says, bytes.
 _COUNTED_BYTES = 1 << 20
 
@@ -187,7 +199,59 @@ def _ascii_grid(path: Path, holes: bool) -> HeightField:
         raise SceneError(f"{path}: has xllcenter, but no yllcenter.")
     heights = values.reshape(rows, columns)
     north = south + (rows - 1) * apart[1]
-    return HeightField.of(heights, apart, (west, north), mask=heights != no_data, holes=holes, source=str(path))
+    field = HeightField.of(heights, apart, (west, north), mask=heights != no_data, holes=holes, source=str(path))
+    beside = _file_beside(path, (".prj",))
+    if beside is None:
+        _warn_of_degrees(field)
+        return field
+    _check_beside(beside, path)
+    with _readable(beside):
+        if _IN_DEGREES.search(read_bytes(beside, _MAX_BESIDE_BYTES)):
+            raise _degrees(path)
+    return field
+
+
+def _degrees(path: Path) -> SceneError:
+    return SceneError(
+        f"{path}: is in degrees of longitude and latitude, its heights are not.",
+        _PROJECT,
+    )
+
+
+def _warn_of_degrees(field: HeightField) -> None:
+    """Warn if x and y of a field without a coordinate system look like longitudes and latitudes.
+
+    Their samples are close, and heights in metres then differ by more than the width of the field in degrees.
+    """
+    x, y = field.coordinates()
+    if max(field.spacing) > _MAX_DEGREES or np.abs(x).max() > 360 or np.abs(y).max() > 90:
+        return
+    if np.nanmax(field.heights) - np.nanmin(field.heights) > max(np.ptp(x), np.ptp(y)):
+        warn(
+            f"{field.source}: names no coordinate system, and its x and y may be degrees: samples are "
+            f"{field.spacing[0]:.3g} apart. They are taken to be in the unit of the heights."
+        )
+
+
+def _warn_of_scale(field: HeightField, crs: Any) -> None:
+    """Warn if the map is a Mercator projection that stretches the ground at the centre of the field.
+
+    Source: Snyder 1987, Map projections, equations 7-2 and 7-3.
+    """
+    try:
+        system = crs.to_dict()
+        if system.get("proj") != "merc":
+            return
+        at_equator = system.get("k", 1.0) * math.cos(math.radians(system.get("lat_ts", 0.0)))
+        north = float(field.coordinates()[1].mean()) * crs.linear_units_factor[1] - system.get("y_0", 0.0)
+        stretch = at_equator * math.cosh(north / (at_equator * _EARTH_RADIUS))
+    except (ArithmeticError, TypeError, ValueError):  # parameters of a damaged file
+        return
+    if abs(stretch - 1) > _MAX_STRETCH:
+        warn(
+            f"{field.source}: is in a Mercator projection, which is here {stretch:.3g} times as large as the "
+            f"ground. Its heights are not, so slopes are wrong. {_PROJECT}"
+        )
 
 
 def _is_no_number(word: bytes) -> bool:
@@ -229,10 +293,7 @@ def _geotiff(path: Path, holes: bool) -> HeightField:
                     "gdalwarp turns it to the north.",
                 )
             if crs is not None and crs.is_geographic:
-                raise SceneError(
-                    f"{path}: is in degrees of longitude and latitude, its heights are not.",
-                    "Project it: gdalwarp -t_srs EPSG:... (UTM: EPSG:326ZZ in the north, 327ZZ in the south).",
-                )
+                raise _degrees(path)
             if t.a <= 0 or t.e >= 0:
                 raise SceneError(
                     f"{path}: has pixels of {t.a:g} x {t.e:g}, but columns must go east and rows south.",
@@ -248,9 +309,14 @@ def _geotiff(path: Path, holes: bool) -> HeightField:
                     found = f"{raster.count} bands of {raster.width:,} x {raster.height:,}"
                     raise SceneError(f"{beside}: is no mask of {path.name}: it has {found} pixels.", "Remove it.")
                 heights = np.ma.masked_where(raster.read(1) == 0, heights)
-    return HeightField.of(
+    field = HeightField.of(
         heights, (t.a, -t.e), (t.c + 0.5 * t.a, t.f + 0.5 * t.e), holes=holes, source=str(path), crs=wkt
     )
+    if crs is None:
+        _warn_of_degrees(field)
+    else:
+        _warn_of_scale(field, crs)
+    return field
 
 
 @contextmanager
@@ -286,19 +352,19 @@ def _transform(path: Path, raster: Any) -> Any:
     """Return the geotransform of a TIFF, or that of a world file beside it."""
     if not raster.transform.is_identity:
         return raster.transform
-    beside = _world_file(path)
+    beside = _file_beside(path, _WORLD_FILES)
     if beside is None:
         return raster.transform
     _check_beside(beside, path)
     try:
-        a, d, b, e, x, y = map(real, read_bytes(beside, _MAX_WORLD_BYTES).decode().split())
+        a, d, b, e, x, y = map(real, read_bytes(beside, _MAX_BESIDE_BYTES).decode().split())
     except ValueError:  # dropped, because its text would contain contents of the file
         raise SceneError(f"{beside}: is no world file of six numbers.", "Remove it, or write it anew.") from None
     return type(raster.transform)(a, b, x - 0.5 * (a + b), d, e, y - 0.5 * (d + e))
 
 
 def _check_beside(beside: Path, path: Path) -> None:
-    """Raise SceneError if a file beside a TIFF is a link that leads out of the folder of the TIFF."""
+    """Raise SceneError if a file beside a height field is a link that leads out of the folder of the field."""
     folders = {path.parent.resolve(), path.resolve().parent}
     if beside.resolve().parent not in folders:
         raise SceneError(
@@ -306,9 +372,9 @@ def _check_beside(beside: Path, path: Path) -> None:
         )
 
 
-def _world_file(path: Path) -> Path | None:
-    """Return the world file beside a TIFF, whatever the case of its name; None if there is none."""
-    exact = [path.with_suffix(each) for each in _WORLD_FILES]
+def _file_beside(path: Path, suffixes: tuple[str, ...]) -> Path | None:
+    """Return the file of the same name with one of the suffixes, in any letter case; None if there is none."""
+    exact = [path.with_suffix(each) for each in suffixes]
     listed: list[Path] = []
     with suppress(OSError):  # a folder that may be entered but not listed
         listed = sorted(path.parent.iterdir())

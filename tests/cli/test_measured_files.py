@@ -260,6 +260,7 @@ def test_a_factor_is_a_share(factor: float) -> None:
 
 OVERCAST = """
 unit = "photometric"
+ambient = {ambient}
 [[shapes]]
 type = "quad"
 corners = [[-3, -2, 0], [3, -2, 0], [3, 2, 0], [-3, 2, 0]]
@@ -272,8 +273,8 @@ up = [0, 0, 1]
 """
 
 
-def told_of_factor(folder: Path, lux: float, more: str = "", *options: str) -> Any:
-    (folder / "a.toml").write_text(OVERCAST.format(lux=lux, more=more))
+def told_of_factor(folder: Path, lux: float, more: str = "", *options: str, ambient: float = 0) -> Any:
+    (folder / "a.toml").write_text(OVERCAST.format(lux=lux, more=more, ambient=ambient))
     out = str(folder / "a.csv")
     words = [str(folder / "a.toml"), "-o", out, "--plane", "z=0.5", "--spacing", "2", "--spp", "32", *options]
     return CliRunner().invoke(app, ["measure", *words, "--daylight-factor"])
@@ -298,6 +299,16 @@ def test_a_daylight_factor_on_open_ground_is_100_per_cent(tmp_path: Path) -> Non
 def test_what_is_no_daylight_factor_is_refused(tmp_path: Path, lux: float, more: str, message: str) -> None:
     told = told_of_factor(tmp_path, lux, more)
     assert (told.exit_code, message in told.stderr) == (2, True), told.output
+
+
+def test_ambient_light_is_no_daylight(tmp_path: Path) -> None:
+    """Ambient light has its own share on open ground, so lux would be above 100 there."""
+    told = told_of_factor(tmp_path, 100, ambient=5)
+    assert (told.exit_code, "has ambient light" in told.stderr) == (2, True), told.output
+    told = told_of_factor(tmp_path, 100, "", "--ambient", "5")
+    assert (told.exit_code, "has ambient light" in told.stderr) == (2, True), told.output
+    told = told_of_factor(tmp_path, 100, "", "--ambient", "0", ambient=5)
+    assert told.exit_code == 0, told.output
 
 
 def test_pictures_and_reports_of_a_daylight_factor_have_its_name(measured: Measured, tmp_path: Path) -> None:

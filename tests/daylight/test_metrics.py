@@ -31,3 +31,11 @@ def test_blinds_close_when_more_than_two_percent_of_the_sensors_are_in_sunlight(
 def test_sda_asks_for_half_of_the_time_and_ase_for_more_than_250_hours() -> None:
     assert metrics.spatial_autonomy([0.5, 0.4999, 1.0, 0.0]) == 0.5
     assert metrics.sunlight_exposure([250.0, 251.0, 0.0, 4000.0]) == 0.5
+
+
+def test_fractions_of_weighted_sensors_are_those_of_sensors_repeated_so_often() -> None:
+    times = [3, 1, 2]
+    lux, autonomy, hours = np.array([[0.0, 1e3], [1e3, 1e3], [1e3, 0.0]]), [0.6, 0.2, 0.5], [0.0, 300.0, 251.0]
+    assert metrics.sunlit_share(lux, weights=times) == pytest.approx(metrics.sunlit_share(np.repeat(lux, times, 0)))
+    for fraction, values in ((metrics.spatial_autonomy, autonomy), (metrics.sunlight_exposure, hours)):
+        assert fraction(values, weights=times) == pytest.approx(fraction(np.repeat(values, times)))

@@ -13,6 +13,7 @@ from glpath.daylight.sky_patches import SUBDIVISIONS, SkyPatches
 from glpath.errors import UsageError
 from glpath.io import load_scene
 from glpath.io.completed import aside
+from glpath.scene.model import Environment
 
 COMPASS = Compass((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 #: Of a patch of each row, and the cap: Radiance's gendaymtx.c, after Tregenza 1987.
@@ -98,3 +99,18 @@ def test_up_is_the_scene_s_and_not_that_of_a_studio_that_stands_in_for_light(
         found = Compass.of(load_scene({"camera": camera, "shapes": [ball], **sky}))
     assert found.up == tuple(up)
     assert found.north == north
+
+
+@pytest.mark.parametrize("up", [[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+@pytest.mark.parametrize("north", [None, [3, 2, 1]])
+def test_north_is_where_the_scene_s_own_sun_has_an_azimuth_of_0(up: list[int], north: list[int] | None) -> None:
+    sky = {"type": "perez", "direct": 800, "diffuse": 100, "altitude": 30, "azimuth": 0, "up": up}
+    shape = {"type": "box", "min": [0, 0, 0], "max": [1, 1, 1]}
+    camera = {"position": [9, 9, 9], "target": [0, 0, 0], "up": up}
+    scene = load_scene({"camera": camera, "shapes": [shape], "sky": sky | ({"north": north} if north else {})})
+    assert isinstance(scene.sky, Environment)
+    assert scene.sky.sun is not None
+    level = scene.sky.sun.direction - 0.5 * np.array(up)
+    assert Compass.of(scene).north == pytest.approx(level / np.linalg.norm(level))
+    given = Compass.of(scene, north=-level)
+    assert given.north == pytest.approx(-level / np.linalg.norm(level))

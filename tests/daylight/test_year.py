@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.cli.daylight import _summary
+from glpath.cli.daylight_year import year_summary
 from glpath.daylight import metrics, year
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.compute import daylight_coefficients
 from glpath.daylight.hourly_skies import HourlySkies, horizontal_weights
+from glpath.daylight.texels import Texels
 from glpath.daylight.year import DaylightYear, daylight_year
 from glpath.errors import SceneError, UsageError
 from glpath.io import scene_from_dict
@@ -190,6 +193,30 @@ def test_each_group_of_blinds_keeps_the_sun_of_its_own_windows_away(weather: Wea
         daylight_year(bare, weather, blinds=[no_south, coefficients(GROUND)])
 
 
+def test_texels_count_by_their_area(
+    behind_wall: DaylightCoefficients, weather: Weather, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A texel of area 118 in the shade of the wall counts as 118 sensors at its centre."""
+    monkeypatch.setattr(year, "_BLOCK", 100 * len(weather.times))
+    lit = np.isin(np.arange(8760) % 24, [10, 14, 17])  # less to compute
+    weather = replace(weather, direct_normal=weather.direct_normal * lit)
+    weather = replace(weather, diffuse_horizontal=weather.diffuse_horizontal * lit)
+    area = [1, 1, 118]
+    square = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
+    corners = behind_wall.points[:, None] + np.sqrt(area)[:, None, None] * square
+    of_texels = replace(behind_wall, texels=Texels(corners, np.zeros(3, np.int32), ("ground",)))
+    of_points = coefficients(GROUND, WALL, at=np.repeat(behind_wall.points, area, axis=0))
+    found, expected = (daylight_year(of, weather, blinds=of, threshold=10_000) for of in (of_texels, of_points))
+    assert np.array_equal(found.closed, expected.closed)
+    assert 0 < (found.closed & found.occupied).sum() < found.sunlight_hours.max()
+    for name in ("sda", "autonomous_share", "ase"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name)), name
+    assert 0 < found.ase < 0.02
+    assert list(year_summary(found)) == list(year_summary(expected))
+    view, expected_view = (next(line for line in _summary(of) if "view" in line) for of in (of_texels, of_points))
+    assert view == expected_view
+
+
 def test_blocks_of_sensors_change_nothing(
     behind_wall: DaylightCoefficients, weather: Weather, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -261,7 +288,15 @@ def test_what_does_not_fit_is_refused(
         tmp_path / "nights.epw", change=lambda _, row: row if row[1] == "1" and int(row[3]) < 4 else None
     )
     with pytest.warns(glpath.SceneWarning, match="missing"), pytest.raises(UsageError, match="no hour"):
-        daylight_year(open_ground, january)
+        daylight_year(open_ground, january, occupied=(8.2, 8.9))
+
+
+def test_a_year_of_one_data_period_is_reported(open_ground: DaylightCoefficients, weather: Weather) -> None:
+    arrays = ("times", "direct_normal", "diffuse_horizontal", "dew_point")
+    january = replace(weather, **{name: getattr(weather, name)[: 31 * 24] for name in arrays})
+    with pytest.warns(glpath.SceneWarning, match=r"has 744 of the 8,760 hours of a year\. .*sDA, ASE"):
+        found = daylight_year(open_ground, january)
+    assert found.occupied.sum() == 310
 
 
 def test_polar_nights_are_dark(tmp_path: Path) -> None:

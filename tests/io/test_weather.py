@@ -105,9 +105,9 @@ def test_a_leap_year(tmp_path: Path, weather: Weather) -> None:
 
 def test_a_29_february_counts_if_the_head_says_so(tmp_path: Path) -> None:
     """EnergyPlus 24.1, WeatherManager.cc: such a day is skipped where the head has No."""
-    gap = pytest.warns(SceneWarning, match="24 hours are missing between others, the first after 02-28")
-    with gap, pytest.warns(SceneWarning, match="its 29 February is not used"):
+    with pytest.warns(SceneWarning, match="its 29 February is not used") as warned:
         found = read_weather(write_epw(tmp_path / "leap.epw", year=2024, head={"leap": "No"}))
+    assert len(warned) == 1, "a year without 29 February lacks no hour"
     assert len(found.times) == 8760
     assert "2024-02-29" not in found.times.astype("datetime64[D]").astype(str)
 
@@ -181,6 +181,14 @@ def _without(row: int, fields: list[str]) -> list[str] | None:
     return None if 100 <= row < 124 else fields
 
 
+def _first_half(row: int, fields: list[str]) -> list[str] | None:
+    return fields if row < 181 * 24 else None
+
+
+def _from_4_o_clock(row: int, fields: list[str]) -> list[str] | None:
+    return None if row < 4 else fields
+
+
 def _unknown(row: int, fields: list[str]) -> list[str]:
     return [*fields[:14], "9999", *fields[15:]] if 4000 <= row < 4010 else fields
 
@@ -188,7 +196,9 @@ def _unknown(row: int, fields: list[str]) -> list[str]:
 @pytest.mark.parametrize(
     ("change", "message", "hours", "missing"),
     [
-        (_without, "24 hours are missing between others, the first after 01-05 03:00", 8736, 0),
+        (_without, "24 of 8,760 hours are missing, the first at 01-05 04:00; they count as dark", 8760, 24),
+        (_first_half, "4,416 of 8,760 hours are missing, the first at 07-01 00:00; they", 8760, 4416),
+        (_from_4_o_clock, "4 of 8,760 hours are missing, the first at 01-01 00:00; they", 8760, 4),
         (_unknown, "10 of 8,760 hours have no irradiance; they count as dark", 8760, 10),
     ],
 )
@@ -198,6 +208,32 @@ def test_missing_hours_are_counted(
     with pytest.warns(SceneWarning, match=message):
         found = read_weather(changed(epw, tmp_path / "gaps.epw", change))
     assert (len(found.times), found.missing) == (hours, missing)
+
+
+def test_hours_without_a_row_are_dark_hours(epw: Path, weather: Weather, tmp_path: Path) -> None:
+    """A file that ends early or begins late had the weather of the rest of the year alone."""
+    with pytest.warns(SceneWarning, match="are missing"):
+        found = read_weather(changed(epw, tmp_path / "half.epw", _first_half))
+    in_file = np.arange(8760) < 181 * 24
+    assert np.array_equal(found.times, weather.times)
+    assert np.array_equal(found.direct_normal, np.where(in_file, weather.direct_normal, 0))
+    assert np.array_equal(found.diffuse_horizontal, np.where(in_file, weather.diffuse_horizontal, 0))
+
+
+@pytest.mark.parametrize(
+    ("period", "months", "hours"),
+    [("2/1,2/28", "2", 672), (" 2/ 1/2021, 2/28/2021", "2", 672), ("12/1,1/31", "12 1", 1488)],
+)
+def test_a_file_has_the_hours_of_its_data_period(
+    epw: Path, tmp_path: Path, period: str, months: str, hours: int
+) -> None:
+    """EnergyPlus 24.1, Auxiliary programs: start and end of DATA PERIODS are month/day, with or without a year."""
+    year = starting_in_july(epw, tmp_path)
+    path = changed(year, tmp_path / "a.epw", lambda _, row: row if row[1] in months.split() else None)
+    with pytest.warns(SceneWarning, match="hours are missing, the first at"):
+        assert len(read_weather(path).times) == 8760
+    path.write_text(path.read_text().replace(" 1/ 1,12/31", period))
+    assert len(read_weather(path).times) == hours
 
 
 @pytest.mark.parametrize(

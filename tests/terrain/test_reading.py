@@ -231,6 +231,47 @@ def test_geotiffs_that_are_refused(tmp_path: Path) -> None:
         load_height_field(tmp_path / "text.tif")
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["Projection    GEOGRAPHIC\nDatum WGS84\n", "Datum WGS84\r\nUnits DD\r\n", 'GEOGCS["GCS_WGS_1984",DATUM["D"]]'],
+)
+@pytest.mark.parametrize("name", ["a.prj", "a.PRJ"])
+def test_an_ascii_grid_in_degrees_is_refused(tmp_path: Path, text: str, name: str) -> None:
+    """ESRI: the .prj file beside a grid, as keywords of ARC/INFO or as WKT."""
+    path = ascii_grid(tmp_path / "a.asc")
+    (tmp_path / name).write_text(text)
+    with pytest.raises(glpath.SceneError, match=r"a\.asc: is in degrees of longitude and latitude"):
+        load_height_field(path)
+    (tmp_path / name).write_text('PROJCS["WGS_1984_UTM_Zone_32N",GEOGCS["GCS_WGS_1984",DATUM["D"]]]')
+    assert load_height_field(path).spacing == (2.0, 2.0)
+
+
+def test_heights_that_seem_to_be_above_degrees_are_reported(tmp_path: Path) -> None:
+    """Three arc seconds at 46 N, 8 E; then a scan of 4 cm by a laser, whose relief is below its width."""
+    degrees = ASC.replace("xllcorner 10", "xllcorner 8").replace("yllcorner 20", "yllcorner 46")
+    degrees = degrees.replace("cellsize 2", "cellsize 0.00083333")
+    with pytest.warns(glpath.SceneWarning, match="its x and y may be degrees: samples are 0.000833 apart"):
+        load_height_field(ascii_grid(tmp_path / "a.asc", header=degrees))
+    rasterio = pytest.importorskip("rasterio")
+    transform = rasterio.Affine(1 / 1200, 0, 8.0, 0, -1 / 1200, 46.0)
+    with pytest.warns(glpath.SceneWarning, match="its x and y may be degrees"):
+        load_height_field(geotiff(tmp_path / "a.tif", crs=None, transform=transform))
+    load_height_field(ascii_grid(tmp_path / "b.asc", HEIGHTS / 200, ASC.replace("cellsize 2", "cellsize 0.04")))
+
+
+@pytest.mark.parametrize(("latitude", "stretch"), [(15.0, None), (60.0, "2"), (-45.0, "1.41")])
+def test_web_mercator_away_from_the_equator_is_reported(
+    tmp_path: Path, latitude: float, stretch: str | None
+) -> None:
+    """Snyder 1987, equations 7-2 and 7-3: y = R asinh(tan latitude), and the scale is 1 / cos latitude."""
+    rasterio = pytest.importorskip("rasterio")
+    north = 6_378_137 * np.arcsinh(np.tan(np.radians(latitude)))
+    path = geotiff(tmp_path / "a.tif", crs="EPSG:3857", transform=rasterio.Affine(30, 0, 1e6, 0, -30, north))
+    words = f"here {stretch} times as large as the ground"
+    with nullcontext() if stretch is None else pytest.warns(glpath.SceneWarning, match=words):
+        load_height_field(path)
+
+
 @pytest.mark.parametrize("suffix", ["las", "laz"])
 def test_point_clouds(tmp_path: Path, suffix: str) -> None:
     laspy = pytest.importorskip("laspy")

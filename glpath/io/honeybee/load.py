@@ -179,12 +179,14 @@ class _Reader:
         if self._is_first(aperture, aperture.boundary_condition):
             name = self.modifiers.of_aperture(aperture, room_set, face_type)
             self._add(aperture.identifier, name, self._polygon(aperture.identifier, aperture.geometry))
+            self._geometry_of_state(aperture)
         self._attached(aperture, room_set)
 
     def _door(self, door: Door, room_set: str | None, face_type: str) -> None:
         if self._is_first(door, door.boundary_condition):
             name = self.modifiers.of_door(door, room_set, face_type)
             self._add(door.identifier, name, self._polygon(door.identifier, door.geometry))
+            self._geometry_of_state(door)
         self._attached(door, room_set)
 
     def _attached(self, parent: Shaded, room_set: str | None) -> None:
@@ -194,6 +196,16 @@ class _Reader:
 
     def _shade(self, shade: Shade, default: str) -> None:
         self._add(shade.identifier, shade.modifier or default, self._polygon(shade.identifier, shade.geometry))
+        self._geometry_of_state(shade)
+
+    def _geometry_of_state(self, item: Aperture | Door | Shade) -> None:
+        """Add each shade of the first state of `item`. The default modifier is that of a shade outdoors."""
+        for shade in item.state.geometry or ():
+            modifier = shade.modifier
+            if modifier is None:
+                modifier = self.modifiers.of_shade(None, indoors=False, user=shade.identifier)
+                warn(f'{self.location}: "{shade.identifier}" has no modifier, so it has {modifier}.')
+            self._add(shade.identifier, modifier, self._polygon(shade.identifier, shade.geometry))
 
     def _is_first(self, item: Face | Aperture | Door, boundary: BoundaryCondition) -> bool:
         """Return False if the item is the other side of an item already read, because two rooms share a wall."""

@@ -38,11 +38,28 @@ class Mesh3D(Struct):
     faces: list[Annotated[list[Annotated[int, Meta(ge=0, le=2**31 - 1)]], Meta(min_length=3, max_length=4)]]
 
 
+class StateShade(Struct):
+    """Shade that exists in one state only."""
+
+    identifier: str
+    geometry: Face3D
+    modifier: str | None = None
+
+
+class State(Struct):
+    """State of an aperture, door or shade: its modifier, None for its usual one, and further geometry."""
+
+    modifier: str | None = None
+    geometry: list[StateShade] | None = msgspec.field(default=None, name="shades")
+
+
 class Radiance(Struct):
-    """Names of a modifier or of a room's modifier set."""
+    """Names of a modifier or of a room's modifier set; states, which only members of a dynamic group have."""
 
     modifier: str | None = None
     modifier_set: str | None = None
+    dynamic_group_identifier: str | None = None
+    states: list[State] | None = None
 
 
 class Properties(Struct):
@@ -63,9 +80,18 @@ class Named(Struct, kw_only=True):
     properties: Properties = msgspec.field(default_factory=Properties)
 
     @property
+    def state(self) -> State:
+        """First state of the object; an empty one if it belongs to no dynamic group."""
+        radiance = self.properties.radiance
+        if radiance is None or radiance.dynamic_group_identifier is None or not radiance.states:
+            return State()
+        return radiance.states[0]
+
+    @property
     def modifier(self) -> str | None:
-        """Name of the object's own modifier; None if it has none."""
-        return None if self.properties.radiance is None else self.properties.radiance.modifier
+        """Name of the object's own modifier in its first state; None if it has none."""
+        usual = None if self.properties.radiance is None else self.properties.radiance.modifier
+        return self.state.modifier or usual
 
 
 class Shade(Named, kw_only=True):

@@ -283,6 +283,48 @@ def test_the_global_modifier_set_is_that_of_rooms_without_one(
     assert shape_of(loaded(tmp_path, model), "a_south")[2].reflectance.tolist() == [reflectance] * 3
 
 
+def test_the_first_state_of_a_dynamic_group_is_that_of_a_static_model(tmp_path: Path) -> None:
+    """honeybee-schema: RadianceSubFaceStateAbridged, RadianceShadeStateAbridged. Without a group all is static."""
+    louvre = shade("louvre", [(1.0, -0.1, 1.0), (3.0, -0.1, 1.0), (3.0, -0.1, 1.5), (1.0, -0.1, 1.5)])
+    curtain = shade("curtain", [(4.0, 1.0, 0.0), (4.0, 2.0, 0.0), (4.0, 2.0, 1.0), (4.0, 1.0, 1.0)])
+    both = dynamic, static = two_rooms(), two_rooms()
+    tint = {"type": "Glass", "identifier": "tint"} | dict.fromkeys([f"{c}_transmissivity" for c in "rgb"], 0.2)
+    for model in both:
+        model["properties"]["radiance"]["modifiers"] = [tint]
+    window, door, board = ([o["rooms"][0]["faces"][2]["apertures"][0] for o in both],
+                           [o["rooms"][0]["faces"][3]["doors"][0] for o in both],
+                           [o["orphaned_shades"][0] for o in both])  # fmt: skip
+
+    def give_states(item: dict[str, Any], modifier: str | None, *shades: dict[str, Any]) -> None:
+        plain = [{key: each[key] for key in ("identifier", "geometry")} | {"modifier": "black"} for each in shades]
+        states = [{"modifier": modifier, "shades": plain}, {"modifier": "black"}]
+        item["properties"]["radiance"] |= {"dynamic_group_identifier": "group", "states": states}
+
+    give_states(window[0], "tint", louvre)
+    give_states(door[0], None, curtain)
+    give_states(board[0], "black")
+    window[1]["properties"]["radiance"]["modifier"] = "tint"
+    board[1]["properties"]["radiance"]["modifier"] = "black"
+    for each in (louvre, curtain):
+        each["properties"]["radiance"]["modifier"] = "black"
+    static["rooms"][0]["outdoor_shades"] = [louvre, curtain]
+    found, expected = loaded(tmp_path, dynamic), loaded(tmp_path, static)
+    assert {shape.name for shape in found.shapes} == {shape.name for shape in expected.shapes}
+    for name in (shape.name for shape in expected.shapes):
+        (_, corners, material), (_, wanted, wanted_material) = shape_of(found, name), shape_of(expected, name)
+        np.testing.assert_array_equal(corners, wanted)
+        assert material.name == wanted_material.name, name
+
+    del window[0]["properties"]["radiance"]["dynamic_group_identifier"]
+    del window[0]["properties"]["radiance"]["states"][0]["shades"][0]["modifier"]
+    without = loaded(tmp_path, dynamic)
+    assert shape_of(without, "window")[2].name == "generic_exterior_window_vis_0.64"
+    assert "louvre" not in {shape.name for shape in without.shapes}
+    del door[0]["properties"]["radiance"]["states"][0]["shades"][0]["modifier"]
+    with pytest.warns(SceneWarning, match='"curtain" has no modifier, so it has generic_exterior_shade_0.35'):
+        loaded(tmp_path, dynamic)
+
+
 def test_info_has_the_objects(tmp_path: Path) -> None:
     path = write(two_rooms(), tmp_path / "a.hbjson")
     result = run("info", path, "--json")
