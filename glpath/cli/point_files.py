@@ -284,7 +284,7 @@ def _read_table(path: Path, normal: Vector | None) -> Points:
     names: list[str] | None = None
     rows: list[list[float]] = []
     lines: list[int] = []
-    for line, cells in _lines(text, path):
+    for line, cells in table_lines(text, path):
         check_time()
         found = [_number(cell) for cell in cells]
         if names is None:
@@ -342,7 +342,7 @@ def _text(path: Path) -> str:
         raise UsageError(f"--points {path}: cannot be read: it is not UTF-8 text.", "Save it as UTF-8.") from error
 
 
-def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
+def table_lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
     """Return (line number, cells) of each line that is neither empty nor a comment.
 
     Decimal commas in the cells are replaced by decimal points. Raises UsageError.
@@ -353,7 +353,7 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
         if len(line) > MAX_LINE:
             raise UsageError(
                 f"{path}, line {number}: {len(line):,} characters, but at most {MAX_LINE:,} are read.",
-                "Each line is a point: x,y,z,nx,ny,nz.",
+                "Each line is one row of the table.",
             )
     # Excel may write a first line such as "sep=;", which names the delimiter.
     given = re.fullmatch(r"sep=(.)\s*", lines[0][1], re.IGNORECASE) if lines else None
@@ -370,7 +370,7 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
     try:
         for number, line in lines:
             check_time()
-            cells = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter))
+            cells = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter, strict=True))
             cells = [cell.strip() for cell in cells]
             if delimiter == "\t" and any(" " in cell for cell in cells) and all(map(_NUMBER.match, line.split())):
                 cells = line.split()  # blanks separate coordinates, a tab separates point and normal
@@ -380,7 +380,10 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
                 cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
             found.append((number, cells))
     except csv.Error as error:
-        raise UsageError(f"{path}, line {number}: is no line of a table: {error}.") from error
+        raise UsageError(
+            f"{path}, line {number}: is no line of a table: {error}.",
+            "A quotation mark opens and closes in one line.",
+        ) from error
     return found
 
 
