@@ -311,7 +311,7 @@ def test_an_error_that_is_none_is_refused(name: str, error: float, make_film: Ma
 @pytest.mark.parametrize("confidence", [95.0, 1.0, 0.0, -0.5, float("nan")])
 def test_confidence_is_a_probability(confidence: float, make_film: MakeFilm) -> None:
     """Noise has no finite bound with probability 1, and a probability of 95 does not exist."""
-    with pytest.raises(UsageError, match="confidence: .* above 0 and below 1"):
+    with pytest.raises(UsageError, match=r"confidence: .* above 0 and below 1"):
         make_film([(0, 64)]).error_bound(confidence)
 
 
