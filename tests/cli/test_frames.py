@@ -163,6 +163,7 @@ def test_frames_of_another_scene_or_kind_of_camera_are_rendered_alike(scene):
         (("--turntable", 1_000_000_000), "--turntable 1000000000: must be at most 100,000"),
         (("--frames", "0:2", "--turntable", 2), "--frames beside --turntable"),
         (("--frames", "0:2", "--fps", 0), "--fps 0: must be above 0"),
+        (("--fps", 24), "--fps 24: belongs to --frames and --turntable"),
         (("--frames", "0:2", "-o", "a_{.png"), "does not hold the number of a frame"),
         (("--frames", "0:2", "-o", "a_{:.0}.png"), "does not hold the number of a frame"),
         (("--frames", "0:2", "-o", "a.mp4"), "a movie is made of .png frames"),
