@@ -500,7 +500,7 @@ def instance_boxes(mesh: Mesh, world_from_mesh: Float64) -> tuple[Float64, Float
 
 
 def unit_normals(normals: Float64) -> Float64:
-    """Return (N, 3) normals scaled to length 1; zero normals stay zero, and those that are not finite become NaN."""
+    """Return (N, 3) normals scaled to length 1; zero ones stay zero, and those that are not finite become NaN."""
     with np.errstate(invalid="ignore", over="ignore"):
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         extreme = ~((length > 1e-100) & (length < 1e100))
