@@ -89,6 +89,8 @@ def diff(
         if out.suffix.lower() != ".png":
             raise UsageError(f"{out}: the difference is written as .png only.")
         check_outputs([out], [image, reference])
+    elif scale is not None:
+        raise UsageError(f"--scale {scale:g}: belongs to -o FILE.png.", "Leave it out.")
     if fail is not None and not 0 <= fail < math.inf:
         raise UsageError(f"--fail {fail}: must be a finite number, at least 0.")
     if failpercent is not None:

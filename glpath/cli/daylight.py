@@ -22,7 +22,7 @@ from glpath.cli.run_request import OF_DAYLIGHT, RunRequest
 from glpath.cli.running import workers_of
 from glpath.cli.scene import HELP, Parameters, read_scene
 from glpath.cli.signals import exit_code, hold, release, result_of
-from glpath.cli.typed import typed_command
+from glpath.cli.typed import typed_command, typed_parameters
 from glpath.cli.unattended import done_but, remove_checkpoint
 from glpath.cli.values import check_choice, shard_of, vector
 from glpath.errors import ImageError, UsageError
@@ -241,7 +241,12 @@ def daylight(
     shown = [path for path in out if path.suffix.lower() in SHOWN]
     check_shown(shown, texels is not None or from_file, show, weather is not None)
     others = [path for path in out if path not in shown]
-    year = year_request(weather, blinds or (), occupied, threshold, ground, hours, others, latitude)
+    for option in typed_parameters(context) if weather is None else ():
+        if getattr(option, "rich_help_panel", None) == _YEAR:
+            raise UsageError(
+                f"{'/'.join([*option.opts, *option.secondary_opts])}: is of a year.", "Give --weather."
+            )
+    year = year_request(weather, occupied, threshold, ground, hours, others, latitude)
     check_outputs(out, [scene, points, weather, *(blinds or ())])
     saved = next((path for path in out if path.suffix.lower() == ".npz"), out[0])
     options = {
@@ -348,11 +353,9 @@ def daylight(
 def _check_computed(context: typer.Context, coefficients: str) -> None:
     """Raise UsageError for options of the computation, because the file `coefficients` has its result."""
     unused = []
-    for option in context.command.params:
-        # The source is compared by name, because Typer may bundle its own copy of Click.
-        source = context.get_parameter_source(option.name or "")
+    for option in typed_parameters(context):
         computes = getattr(option, "rich_help_panel", None) in (_POINTS, _SKY, _BOUNCES) and option.name != "show"
-        if (computes or option.name == "parameters") and source is not None and source.name == "COMMANDLINE":
+        if computes or option.name == "parameters":
             unused.append(option.opts[0])
     if unused:
         raise UsageError(

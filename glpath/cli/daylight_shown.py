@@ -58,8 +58,8 @@ def texel_request(
 ) -> TexelRequest | None:
     """Return the request for texels; None for other receivers. Raises UsageError if the options contradict it."""
     if receiver != TEXELS:
-        for option, value in (("--texel-size", size), ("--texel-shape", shapes)):
-            if value:
+        for option, is_typed in (("--texel-size", size is not None), ("--texel-shape", bool(shapes))):
+            if is_typed:
                 raise UsageError(f"{option}: belongs to --receiver {TEXELS}.", "Leave it out.")
         return None
     for option, given in (("--points", points), ("--normal", normal)):

@@ -60,7 +60,6 @@ class YearRequest:
 
 def year_request(
     weather: Path | None,
-    blinds: Sequence[str],
     occupied: str,
     threshold: float,
     ground: float,
@@ -82,8 +81,6 @@ def year_request(
 
         check_suffix(path)
     if weather is None:
-        if blinds:
-            raise UsageError("--blinds: are of a year.", "Give --weather.")
         return None
     if latitude is not None:
         raise UsageError("--latitude: says nothing beside --weather, whose site has one.", "Leave it out.")

@@ -283,7 +283,7 @@ class FramesToRender:
         """Write each frame when its film is done. Return True if a signal ended the job before the last frame."""
         started = time.perf_counter()
         asked = self.picture.exposure
-        stops = asked if isinstance(asked, float) else _stops_before(self.frames, self.out)
+        stops = asked if isinstance(asked, float) else _stops_before(self.frames, self.out, todo)
         done = 0
         try:
             for i, film in zip(todo, films, strict=True):
@@ -325,16 +325,25 @@ def left_to_do(frames: Frames, out: Sequence[Path], resume: bool) -> Sequence[in
     return [i for i in numbers if not all(os.path.exists(frames.path(path, i)) for path in out)]
 
 
-def _stops_before(frames: Frames, out: Sequence[Path]) -> float | None:
-    """Return the exposure of an existing frame in stops, for the new frames to match; None if no frame exists."""
+def _stops_before(frames: Frames, out: Sequence[Path], todo: Sequence[int]) -> float | None:
+    """Return the exposure in stops of an existing frame outside `todo`, for the new frames to match.
+
+    None if no such frame exists.
+    """
     from PIL import Image
 
+    from glpath.film.image import check_exposure
+
+    replaced = set(todo)
+    existing = [i for i in range(frames.first, frames.stop) if i not in replaced]
     for path in out:
-        for i in range(frames.first, frames.stop):
+        for i in existing:
             there = frames.path(path, i)
             if path.suffix.lower() in EIGHT_BIT and there.is_file():
-                suppressed = contextlib.suppress(OSError, KeyError, ValueError, TypeError, RecursionError)
-                with suppressed, Image.open(there, formats=("PNG", "JPEG")) as picture:
+                errors = (OSError, KeyError, ValueError, TypeError, RecursionError, UsageError)
+                with contextlib.suppress(*errors), Image.open(there, formats=("PNG", "JPEG")) as picture:
                     info = json.loads(picture.info["comment"]) if picture.format == "JPEG" else picture.info
-                    return float(info["glpath.exposure_stops"])
+                    stops = float(info["glpath.exposure_stops"])
+                    check_exposure(stops)
+                    return stops
     return None

@@ -11,7 +11,7 @@ import typer
 
 from glpath.cli.completion import words
 from glpath.cli.help import command_help
-from glpath.cli.point_files import MAX_LINE
+from glpath.cli.point_files import table_lines
 from glpath.cli.signals import result_of
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError, warn
@@ -247,8 +247,6 @@ def _table(path: Path, option: str, needed: tuple[str, ...], optional: tuple[str
     option : command line option of the file, for messages
     needed : names of columns that must exist; `optional` columns are returned if they exist
     """
-    import csv
-
     import numpy as np
 
     from glpath.system.files import read_bytes, reason_of
@@ -257,15 +255,8 @@ def _table(path: Path, option: str, needed: tuple[str, ...], optional: tuple[str
         text = read_bytes(path).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"{option} {path}: cannot be read: {reason_of(error)}.") from error
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    longest = max(map(len, lines), default=0)
-    if longest > MAX_LINE:
-        raise UsageError(
-            f"{option} {path}: a line has {longest:,} characters, but at most {MAX_LINE:,} are read.",
-            f"Columns: {','.join((*needed, *optional))}.",
-        )
-    rows = list(csv.reader(lines))
-    names = [cell.strip().lower() for cell in rows[0]] if rows else []
+    rows = table_lines(text, path)
+    names = [cell.lower() for cell in rows[0][1]] if rows else []
     columns, wrong = (*needed, *optional), ""
     others = [name for name in names if name and name not in columns]
     for name in columns:
@@ -290,12 +281,12 @@ def _table(path: Path, option: str, needed: tuple[str, ...], optional: tuple[str
     for name in (each for each in columns if each in names):
         column = names.index(name)
         values = np.empty(len(rows) - 1)
-        for i, row in enumerate(rows[1:]):
+        for i, (line, row) in enumerate(rows[1:]):
             try:
                 values[i] = real(row[column])
             except (ValueError, IndexError):
                 cell = row[column] if column < len(row) else ""
-                raise UsageError(f"{option} {path}: row {i + 1}, {name}: {cell!r} is no number.") from None
+                raise UsageError(f"{option} {path}, line {line}: {name} is {cell!r}, which is no number.") from None
         found[name] = values
     return found
 

@@ -220,8 +220,9 @@ def _current_folder_exists() -> bool:
 def run(commands: typer.Typer = app, name: str = "glpath") -> None:
     """Run a program: the `glpath` script, `python -m glpath`, or another program made by `program`."""
     sys.excepthook = _traceback_as_lines
-    if not re.fullmatch("[1-9][0-9]{0,3}", os.environ.get("COLUMNS", "")):
-        os.environ.pop("COLUMNS", None)  # rich would print nothing in 0 columns
+    for width in ("COLUMNS", "TERMINAL_WIDTH"):
+        if not re.fullmatch("[1-9][0-9]{0,3}", os.environ.get(width, "")):
+            os.environ.pop(width, None)  # rich would print nothing in 0 columns
     threads = os.environ.get("NUMBA_NUM_THREADS", "").strip()
     if not threads:
         os.environ.pop("NUMBA_NUM_THREADS", None)

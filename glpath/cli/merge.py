@@ -11,7 +11,7 @@ import typer
 
 from glpath.cli.help import command_help
 from glpath.cli.options import with_options
-from glpath.cli.picture import NO_DENOISER, DenoiseOption, ExposureOption, Picture, TonemapOption
+from glpath.cli.picture import NO_DENOISER, TONEMAP, DenoiseOption, ExposureOption, Picture, TonemapOption
 from glpath.cli.run_request import RunRequest
 from glpath.cli.signals import result_of
 from glpath.errors import UsageError, warn
@@ -54,7 +54,7 @@ def merge(
         ),
     ],
     exposure: ExposureOption = None,
-    tonemap: TonemapOption = "srgb",
+    tonemap: TonemapOption = TONEMAP,
     denoise: DenoiseOption = None,
     *,
     run: RunRequest,
@@ -75,9 +75,9 @@ def merge(
         check_suffix(path)
     check_outputs(out, films)
     if films and is_coefficients(films[0]):
-        _merge_coefficients(films, out, run, pictured=exposure is not None or denoise is not None)
+        _merge_coefficients(films, out, run, pictured=(exposure, tonemap, denoise) != (None, TONEMAP, None))
         return
-    picture = Picture.of_options(exposure, tonemap, denoise)
+    picture = Picture.of_options(exposure, tonemap, denoise, out)
     try:
         film, repeated = result_of(lambda: merge_shards(films))
     except UnguidedShardError as unguided:
@@ -155,7 +155,7 @@ def _merge_coefficients(shards: list[Path], out: list[Path], run: RunRequest, pi
     wrong = next((path for path in out if path.suffix.lower() != ".npz"), None)
     if wrong is not None or pictured:
         what = f"{wrong}: daylight coefficients are" if wrong is not None else "merge: daylight coefficients are"
-        raise UsageError(f"{what} no picture.", "Write .npz, without --exposure and --denoise.")
+        raise UsageError(f"{what} no picture.", "Write .npz, without --exposure, --tonemap and --denoise.")
     found, repeated = result_of(lambda: merge_coefficients(shards))
     written, failure = save_all(
         {path: found.save for path in out}, {"daylight.npz": found.save}, "The coefficients are kept in {}."

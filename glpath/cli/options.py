@@ -160,4 +160,6 @@ def _value(option: Option, integrator: str, value: Any) -> Any:
             raise UsageError(f"{flag(option.name)} {value}: must be at least {low}.")
         if high is not None and value > high:
             raise UsageError(f"{flag(option.name)} {value}: must be at most {high}.")
+        if setting.meta.multiple_of is not None and value % setting.meta.multiple_of:
+            raise UsageError(f"{flag(option.name)} {value}: must be a multiple of {setting.meta.multiple_of}.")
     return value

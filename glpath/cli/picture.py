@@ -12,6 +12,7 @@ import typer
 from glpath.cli.completion import words
 from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
+from glpath.errors import UsageError
 from glpath.film.choices import TONEMAP_NAMES
 from glpath.system.files import Save
 
@@ -51,6 +52,8 @@ DenoiseOption = Annotated[
         rich_help_panel=IMAGE,
     ),
 ]
+#: Tone curve of 8-bit pictures by default.
+TONEMAP = "srgb"
 #: Note for a picture that is noisy because the denoiser is missing.
 NO_DENOISER = "not denoised: with pip install 'glpath[denoise]' a picture is clean sooner"
 #: Suffixes of pictures of 8 bits, which get an exposure and a tone curve.
@@ -80,14 +83,24 @@ class Picture:
     missing: bool = False
 
     @classmethod
-    def of_options(cls, exposure: str | None, tonemap: str, denoise: bool | None) -> Picture:
-        """Return the conversion for the options. Raises UsageError, and GlpathError if the denoiser is missing."""
+    def of_options(cls, exposure: str | None, tonemap: str, denoise: bool | None, out: Sequence[Path]) -> Picture:
+        """Return the conversion for the options. Raises UsageError, and GlpathError if the denoiser is missing.
+
+        out : outputs of the command; the exposure and the tone curve need a picture of 8 bits among them
+        """
         from glpath.film.denoise import require_denoiser
 
         check_choice("--tonemap", tonemap, TONEMAP_NAMES)
+        stops = read_exposure(exposure)
+        if not any(path.suffix.lower() in (*EIGHT_BIT, "") for path in out):
+            unused = f"--exposure {exposure}" if exposure is not None else f"--tonemap {tonemap}"
+            if exposure is not None or tonemap != TONEMAP:
+                raise UsageError(
+                    f"{unused}: an .exr or .npz holds the light itself.", "Write a .png besides, or leave it out."
+                )
         if denoise:
             require_denoiser()
-        return cls(read_exposure(exposure), tonemap, denoise)
+        return cls(stops, tonemap, denoise)
 
     def of_film(self, denoisable: bool, out: Sequence[Path]) -> Picture:
         """Return the conversion with `denoise` decided: 8-bit pictures are denoised if possible.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from glpath.cli.values import Vector, numbers
 from glpath.errors import ImageError, UsageError, warn
 from glpath.film.units import symbol
+from glpath.io.values import LARGEST, SMALLEST
 from glpath.system.files import is_stream, read_bytes, read_standard_input, reason_of, whole_file, write_bytes
 from glpath.system.numerals import real
 from glpath.system.time_limit import check_time, named_work
@@ -160,24 +161,28 @@ def grid_of(
             f"--plane {plane}: expected AXIS=HEIGHT, an axis out of x, y and z.",
             "y=0.75 faces +y at a height of 0.75, -y=2.4 faces down from 2.4.",
         )
-    (height,) = numbers(f"--plane {plane}:", height_text, "AXIS=HEIGHT", [1], float)
+    (height,) = numbers(f"--plane {plane}:", height_text, "AXIS=HEIGHT", [1], real)
+    if abs(height) > LARGEST:
+        raise UsageError(f"--plane {plane}: must be from {-LARGEST:g} to {LARGEST:g}.")
     first, second = across = tuple(i for i in range(3) if i != axis)
     if area is None:
         lower, upper = (bound[list(across)] for bound in scene.bounds)
         if not np.isfinite([lower, upper]).all():
             raise UsageError("--plane: the scene has no bounds to lay a grid in.", "Say where it is: --area.")
     else:
-        given = np.array(numbers("--area", area, "A,B,A,B", [4], float)).reshape(2, 2)
+        given = np.array(numbers("--area", area, "A,B,A,B", [4], real)).reshape(2, 2)
+        if np.abs(given).max() > LARGEST:
+            raise UsageError(f"--area {area}: must be from {-LARGEST:g} to {LARGEST:g}.")
         lower, upper = given
-    if not (math.isfinite(margin) and margin >= 0):
-        raise UsageError(f"--margin {margin:g}: must be at least 0, in scene units.")
+    if not 0 <= margin <= LARGEST:
+        raise UsageError(f"--margin {margin:g}: must be from 0 to {LARGEST:g}, in scene units.")
     size = upper - lower
     if margin > 0 and (size > 0).all() and not (size > 2 * margin).all():
         raise UsageError(
             f"--margin {margin:g}: leaves nothing of {size[0]:g} x {size[1]:g}.", "Take a smaller one."
         )
     lower, size = lower + margin, size - 2 * margin
-    if not (size > 0).all():
+    if not (size >= SMALLEST).all():
         if area is not None:
             both = f"{AXES[first]} and {AXES[second]}"
             raise UsageError(f"--area {area}: the second corner must lie beyond the first along {both}.")
@@ -189,7 +194,7 @@ def grid_of(
         apart = float(size.max()) / 32 if spacing is None else _apart(spacing)
         step = np.array([apart, apart])
         counts = np.maximum(np.floor(size / step + 1e-6), 1.0)
-    if counts.prod() > MAX_POINTS:
+    if not counts.prod() <= MAX_POINTS:
         raise UsageError(
             f"--spacing {step[0]:g}: {counts[0]:.0f} x {counts[1]:.0f} points; at most {MAX_POINTS:,} are allowed.",
             "Take a wider one, or a smaller --area.",
@@ -251,8 +256,10 @@ def _apart(spacing: str) -> float:
         value = real(spacing)
     except ValueError:
         value = math.nan
-    if not (math.isfinite(value) and value > 0):
-        raise UsageError(f"--spacing {spacing}: must be above 0, in scene units, or {EN_12464}.")
+    if not SMALLEST <= value <= LARGEST:
+        raise UsageError(
+            f"--spacing {spacing}: must be from {SMALLEST:g} to {LARGEST:g}, in scene units, or {EN_12464}."
+        )
     return value
 
 
@@ -284,7 +291,7 @@ def _read_table(path: Path, normal: Vector | None) -> Points:
     names: list[str] | None = None
     rows: list[list[float]] = []
     lines: list[int] = []
-    for line, cells in _lines(text, path):
+    for line, cells in table_lines(text, path):
         check_time()
         found = [_number(cell) for cell in cells]
         if names is None:
@@ -342,7 +349,7 @@ def _text(path: Path) -> str:
         raise UsageError(f"--points {path}: cannot be read: it is not UTF-8 text.", "Save it as UTF-8.") from error
 
 
-def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
+def table_lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
     """Return (line number, cells) of each line that is neither empty nor a comment.
 
     Decimal commas in the cells are replaced by decimal points. Raises UsageError.
@@ -353,7 +360,7 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
         if len(line) > MAX_LINE:
             raise UsageError(
                 f"{path}, line {number}: {len(line):,} characters, but at most {MAX_LINE:,} are read.",
-                "Each line is a point: x,y,z,nx,ny,nz.",
+                "Each line is one row of the table.",
             )
     # Excel may write a first line such as "sep=;", which names the delimiter.
     given = re.fullmatch(r"sep=(.)\s*", lines[0][1], re.IGNORECASE) if lines else None
@@ -370,7 +377,7 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
     try:
         for number, line in lines:
             check_time()
-            cells = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter))
+            cells = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter, strict=True))
             cells = [cell.strip() for cell in cells]
             if delimiter == "\t" and any(" " in cell for cell in cells) and all(map(_NUMBER.match, line.split())):
                 cells = line.split()  # blanks separate coordinates, a tab separates point and normal
@@ -380,7 +387,10 @@ def _lines(text: str, path: Path) -> list[tuple[int, list[str]]]:
                 cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
             found.append((number, cells))
     except csv.Error as error:
-        raise UsageError(f"{path}, line {number}: is no line of a table: {error}.") from error
+        raise UsageError(
+            f"{path}, line {number}: is no line of a table: {error}.",
+            "A quotation mark opens and closes in one line.",
+        ) from error
     return found
 
 

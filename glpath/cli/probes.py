@@ -29,7 +29,7 @@ from glpath.errors import UsageError
 from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
 from glpath.system.files import check_outputs, save_all
-from glpath.system.numerals import whole
+from glpath.system.numerals import real, whole
 from glpath.system.reporting import duration
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def probes(
         raise UsageError(f"{out}: probes are written as .json.", "Give a name that ends so.")
     check_choice("--integrator", integrator, POINT_CHOICES)
     counts = numbers("--grid", grid.lower(), "NxNxN", [3], whole, "x")
-    corners = None if bounds is None else numbers("--bounds", bounds, "X,Y,Z,X,Y,Z", [6], float)
+    corners = None if bounds is None else numbers("--bounds", bounds, "X,Y,Z,X,Y,Z", [6], real)
     check_spp(spp)
     options = option_values(integrator, options)
     with aside("camera", "light", "picture"):

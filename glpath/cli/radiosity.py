@@ -27,6 +27,7 @@ from glpath.cli.signals import (
     release,
     result_of,
 )
+from glpath.cli.typed import typed_parameters
 from glpath.cli.unattended import SOLVING, check_absent, done_but, left_in, remove_checkpoint, watched
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film.choices import TIME_LIMIT
@@ -288,13 +289,9 @@ def _check_suffix(path: Path) -> None:
 
 def _check_solved(context: typer.Context, solution: Path) -> None:
     """Raise UsageError for options of the solver, because --radiosity names a solution that is already solved."""
-    for option in context.command.params:
-        assert option.name is not None, "options have names"
-        # The source is compared by name below, because Typer may bundle its own copy of Click.
-        source = context.get_parameter_source(option.name)
+    for option in typed_parameters(context):
         says_how = getattr(option, "rich_help_panel", None) in (_MESH, _SOLVER)
-        says_how = says_how or option.name in ("checkpoint", "resume", "time_limit")
-        if says_how and source is not None and source.name == "COMMANDLINE":
+        if says_how or option.name in ("checkpoint", "resume", "time_limit"):
             raise UsageError(
                 f"--radiosity and {option.opts[0]} contradict each other: {solution} is solved already.",
                 "Leave one of them out.",

@@ -17,10 +17,11 @@ from glpath.cli.completion import words
 from glpath.cli.frames import Frames, FramesToRender
 from glpath.cli.help import command_help
 from glpath.cli.options import FOR_ALL, option_values, with_options
-from glpath.cli.picture import IMAGE, DenoiseOption, ExposureOption, Picture, TonemapOption
+from glpath.cli.picture import IMAGE, TONEMAP, DenoiseOption, ExposureOption, Picture, TonemapOption
 from glpath.cli.run_request import EXIT_CODES, OF_RENDERS, RunRequest
 from glpath.cli.scene import HELP, Scenes, parameters_option
 from glpath.cli.scene_options import OF_PICTURES, with_scene_options
+from glpath.cli.typed import typed_parameters
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, check_spp
 from glpath.cli.values import crop as read_crop
@@ -89,7 +90,7 @@ def render(
         typer.Option(metavar="X,Y,W,H", help="Only these pixels, from the top left.", rich_help_panel=IMAGE),
     ] = None,
     exposure: ExposureOption = None,
-    tonemap: TonemapOption = "srgb",
+    tonemap: TonemapOption = TONEMAP,
     denoise: DenoiseOption = None,
     camera_position: camera.PositionOption = None,
     camera_target: camera.TargetOption = None,
@@ -161,6 +162,8 @@ def render(
         raise UsageError("render: no SCENE and no --job.", "Name a scene file or a shipped scene; `glpath scenes`.")
     many = Frames.of_options(turntable, frames, fps)
     movies: list[Path] = []
+    if many is None and any(option.name == "fps" for option in typed_parameters(context)):
+        raise UsageError(f"--fps {fps:g}: belongs to --frames and --turntable.", "Leave it out.")
     if many is not None:
         out, movies = many.split(out)
     for path in out:
@@ -172,7 +175,7 @@ def render(
         if spp is not None:
             raise UsageError("--spp beside --sample-range: the range says how many.", "Leave one out.")
         first["first_path_set"], spp = read_range(sample_range)
-    picture = Picture.of_options(exposure, tonemap, denoise)
+    picture = Picture.of_options(exposure, tonemap, denoise, out)
     options = option_values(integrator, options)
     if many is not None:
         others = {

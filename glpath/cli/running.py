@@ -13,6 +13,7 @@ import typer
 from glpath.cli.outcome import Outcome
 from glpath.cli.run_request import OF_RENDERS
 from glpath.cli.signals import by_scheduler, hold, interrupted, result_of
+from glpath.cli.typed import typed_parameters
 from glpath.cli.unattended import keep_after_failure, left_in, watched
 from glpath.cli.values import check_inside
 from glpath.errors import GlpathError, UsageError
@@ -43,13 +44,10 @@ _BESIDE_A_JOB = ("job", "out", "exposure", "tonemap", "denoise", "strict", *OF_R
 
 def refuse_beside_a_job(context: typer.Context) -> None:
     """Raise UsageError for options that contradict a job file, which defines the whole image."""
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        source = context.get_parameter_source(name)
-        # The source is compared by name, because Typer may bundle a copy of Click, with another enumeration class.
-        if name in _BESIDE_A_JOB or source is None or source.name != "COMMANDLINE":
+    for parameter in typed_parameters(context):
+        if parameter.name in _BESIDE_A_JOB:
             continue
-        shown = "SCENE" if name == "scene" else parameter.opts[0]
+        shown = "SCENE" if parameter.name == "scene" else parameter.opts[0]
         raise UsageError(
             f"{shown} beside --job: the job says what is rendered.", "Leave it out, or make another job."
         )

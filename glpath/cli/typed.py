@@ -43,6 +43,13 @@ def typed_command(context: Any) -> str:
     return shlex.join(["glpath", *typed_words(context)])
 
 
+def typed_parameters(context: Any) -> list[Any]:
+    """Return the parameters of the command that were typed, and not left at their defaults."""
+    sources = [(each, context.get_parameter_source(each.name or "")) for each in context.command.params]
+    # The source is compared by name, because Typer may bundle its own copy of Click.
+    return [each for each, source in sources if source is not None and source.name == "COMMANDLINE"]
+
+
 def _option(argument: re.Match[str]) -> str:
     from glpath.cli.options import flag, flag_of
     from glpath.rendering.options import options

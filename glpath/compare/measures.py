@@ -32,18 +32,12 @@ def relative_mse(image: ArrayLike, reference: ArrayLike, epsilon: float = EPSILO
     """Return mean((image - reference)² / (reference² + epsilon)) over pixels and channels; 0 for equal images.
 
     Raises ImageError for shapes that differ, NaN or infinity. Raises UsageError for an epsilon below 0, and for 0
-    if the reference has zeros.
+    if the square of a reference value is 0.
 
     Source: Rousselle et al. 2011, "Adaptive Sampling and Reconstruction using Greedy Error Minimization".
     """
-    _check_epsilon(epsilon)
     a, b = matching_pair(image, reference)
-    if epsilon == 0 and not b.all():
-        zeros = b.size - np.count_nonzero(b)
-        raise UsageError(
-            f"epsilon: 0 where a number above 0 is needed, because {zeros:,} values of the reference are 0",
-            f"The default is {EPSILON:g}.",
-        )
+    _check_epsilon(epsilon, b)
     return float(np.mean((a - b) ** 2 / (b**2 + epsilon)))
 
 
@@ -65,9 +59,13 @@ def psnr(image: ArrayLike, reference: ArrayLike, peak: float | None = None) -> f
     if peak is not None and not abs(peak) <= _LARGEST:
         raise UsageError(f"peak: {short_repr(peak)} where a number up to {_LARGEST:g} is needed")
     a, b = matching_pair(image, reference)
-    error = float(np.mean((a - b) ** 2))
+    largest = float(np.abs(a - b).max())
     top = float(b.max()) if peak is None else peak
-    return math.inf if error == 0 else -math.inf if top <= 0 else 10 * math.log10(top**2 / error)
+    if largest == 0 or top <= 0:
+        return math.inf if largest == 0 else -math.inf
+    # Logarithms of quotients, because squares of values below 1e-162 are 0.
+    error = float(np.mean(((a - b) / largest) ** 2))
+    return 20 * (math.log10(top) - math.log10(largest)) - 10 * math.log10(error)
 
 
 @checked
@@ -111,13 +109,13 @@ def difference_image(
             percentile of its magnitude
 
     Returns the image, (H, W, 3) uint8 sRGB, and the scale. Raises ImageError; UsageError for a scale that is not
-    above 0.
+    above 0, and as `relative_mse` for `epsilon`.
     """
     if scale is not None and not 0 < scale < math.inf:
         raise UsageError(f"scale: found {short_repr(scale)}, expected a finite number above 0.")
-    _check_epsilon(epsilon)
     a, b = matching_pair(image, reference)
     y = luminance(b)
+    _check_epsilon(epsilon, y)
     relative = (luminance(a) - y) / np.sqrt(y**2 + epsilon)
     if scale is None:
         scale = float(np.quantile(np.abs(relative), 0.99)) or float(np.abs(relative).max()) or 1.0
@@ -128,9 +126,16 @@ def difference_image(
     return (colour + 0.5).astype(np.uint8), scale
 
 
-def _check_epsilon(epsilon: float) -> None:
+def _check_epsilon(epsilon: float, reference: Float64) -> None:
+    """Raise UsageError for an epsilon below 0, and for 0 if the square of a reference value is 0."""
     if not 0 <= epsilon < math.inf:
         raise UsageError(f"epsilon: {short_repr(epsilon)} where a finite number from 0 is needed")
+    zeros = np.count_nonzero(reference**2 == 0) if epsilon == 0 else 0
+    if zeros:
+        raise UsageError(
+            f"epsilon: 0 where a number above 0 is needed, because the squares of {zeros:,} reference values are 0",
+            f"The default is {EPSILON:g}.",
+        )
 
 
 def matching_pair(image: ArrayLike, reference: ArrayLike) -> tuple[Float64, Float64]:

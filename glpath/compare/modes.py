@@ -17,6 +17,7 @@ from glpath.compare.statistical import stat
 from glpath.compare.verdict import Verdict
 from glpath.errors import UsageError
 from glpath.system.arguments import checked, short_repr
+from glpath.system.numerals import real
 
 Mode = Literal["exact", "fuzzy", "stat", "flip"]
 MODES: tuple[str, ...] = get_args(Mode)
@@ -82,7 +83,7 @@ def read_limits(mode: str, texts: Sequence[str]) -> dict[str, float]:
     for text in texts:
         name, _, value = text.partition("=")
         try:
-            limits[name.strip()] = float(value)
+            limits[name.strip()] = real(value)
         except ValueError:
             raise UsageError(f"limit {text}: expected NAME=NUMBER.") from None
     _check_limits(mode, limits)

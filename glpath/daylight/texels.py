@@ -97,10 +97,11 @@ class Texels:
         return np.asarray(np.linalg.norm(self._across, axis=1) * np.where(self._triangular, 0.5, 1.0))
 
     def mean(self, values: ArrayLike) -> Float64:
-        """Return the area-weighted mean of values (N, ...) of the texels."""
+        """Return the area-weighted mean of values (N, ...) of the texels. Raises UsageError without texels."""
         given = np.asarray(values, np.float64)
         if given.shape[:1] != (len(self),):
             raise UsageError(f"mean: values of shape {given.shape}, but there are {len(self):,} texels.")
+        self._require_texels("mean")
         return np.asarray(np.average(given, axis=0, weights=self.areas))
 
     def to_vtk(self, values: Mapping[str, ArrayLike]) -> VtkMesh:
@@ -112,9 +113,8 @@ class Texels:
 
         Raises UsageError if an array has another length.
         """
-        data: dict[str, Any] = {name: np.asarray(each) for name, each in values.items()}
         about = {"area": self.areas, "shape": self.shape}
-        return Facets(self.corners, "area", self.areas, "").to_vtk(data | about)
+        return Facets(self.corners, "area", self.areas, "").to_vtk({**values, **about})
 
     def to_glb(
         self, path: str | Path, values: ArrayLike, *, quantity: str, unit: str = "", up: ArrayLike = (0.0, 0.0, 1.0)
@@ -125,9 +125,10 @@ class Texels:
         quantity, unit : name and unit of the values, stored in the file because a .glb has no legend
         up             : (3,) up axis of the scene, near a coordinate axis; it becomes y, the up axis of glTF
 
-        Raises UsageError for another suffix or another number of values, ImageError if the file cannot be written,
-        and GlpathError if matplotlib is missing.
+        Raises UsageError for another suffix, another number of values, and without texels. Raises ImageError if the
+        file cannot be written, and GlpathError if matplotlib is missing.
         """
+        self._require_texels("to_glb")
         target = Path(path)
         if target.suffix.lower() != ".glb":
             raise UsageError(f"{path}: a model in false colours is written as .glb.", "For example city.glb.")
@@ -136,6 +137,10 @@ class Texels:
             raise UsageError(f"to_glb: up is {short_repr(up)}; three finite numbers, not all zero, are needed.")
         facets = Facets(self.corners, quantity, np.asarray(values, np.float64), unit)
         write_facets(facets, axis, target)
+
+    def _require_texels(self, what: str) -> None:
+        if not len(self):
+            raise UsageError(f"{what}: there are no texels where one at least is needed.")
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays to store in a file; `read` is the inverse."""
@@ -197,19 +202,22 @@ def texels(scene: AnyScene, size: float, *, shapes: str | Sequence[str] | None =
     corners, four, shape = faces.corners[chosen], faces.parallelogram[chosen], faces.shape[chosen]
     edges = corners[:, 1:] - corners[:, :1]
     areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) * np.where(four, 1.0, 0.5)
-    corners, four, shape, areas = corners[areas > 0], four[areas > 0], shape[areas > 0], areas[areas > 0]
+    there = areas > 0
+    corners, edges, four, shape, areas = corners[there], edges[there], four[there], shape[there], areas[there]
     if not len(corners):
         raise SceneError(f"{loaded.source or loaded.name}: has no triangles to be texels.")
-    # Lower bound of the number of texels. A texel is at most as large as a square, or as an equilateral triangle,
-    # with sides of length `size`.
-    fewest = (areas / np.where(four, 1.0, 0.25 * np.sqrt(3.0))).sum() / size**2
+    lengths = np.linalg.norm(edges[four], axis=2)
+    counts = np.maximum(np.ceil(lengths / size - 1e-9), 1.0)
+    # Lower bound of the number of texels. Those of triangles are at most as large as an equilateral triangle with
+    # sides of length `size`.
+    fewest = counts.prod(axis=1).sum() + areas[~four].sum() / (0.25 * np.sqrt(3.0) * size**2)
     if fewest > MAX_TEXELS:
         raise UsageError(
             f"texels: {fewest:,.0f} or more of size {size:g}; at most {MAX_TEXELS:,} are allowed.",
             "Take larger ones, or some shapes alone.",
         )
-    cells, of_cell = _grids(corners[four], shape[four], size)
-    halves, of_half = _halved(corners[~four], shape[~four], size)
+    cells, of_cell = _grids(corners[four], shape[four], counts.astype(np.int64))
+    halves, of_half = _halved(corners[~four], shape[~four], size, MAX_TEXELS - len(cells))
     names = tuple(each.name for each in traced.shapes)
     return Texels(np.concatenate([cells, halves]), np.concatenate([of_cell, of_half]).astype(np.int32), names)
 
@@ -231,16 +239,17 @@ def _chosen(scene: Scene, shapes: str | Sequence[str] | None) -> NDArray[np.bool
     return found
 
 
-def _grids(corners: Float64, shape: NDArray[np.int32], size: float) -> tuple[Float64, NDArray[np.int32]]:
-    """Divide parallelograms into grids of cells with edges of at most `size`.
+def _grids(
+    corners: Float64, shape: NDArray[np.int32], counts: NDArray[np.int64]
+) -> tuple[Float64, NDArray[np.int32]]:
+    """Divide parallelograms into grids of cells.
 
     corners : (P, 3, 3), a corner of each parallelogram, then the two neighbouring corners
     shape   : (P,) shape index of each parallelogram
+    counts  : (P, 2) number of cells along the edges to the two neighbouring corners
 
     Returns the corners (N, 4, 3) and shape indices (N,) of the cells.
     """
-    lengths = np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2)
-    counts = np.maximum(np.ceil(lengths / size - 1e-9), 1).astype(np.int64)
     parent = np.repeat(np.arange(len(corners)), counts.prod(axis=1))
     starts = np.concatenate([[0], np.cumsum(counts.prod(axis=1))[:-1]])
     number = np.arange(len(parent)) - starts[parent]
@@ -253,11 +262,13 @@ def _grids(corners: Float64, shape: NDArray[np.int32], size: float) -> tuple[Flo
     return found, shape[parent]
 
 
-def _halved(triangles: Float64, shape: NDArray[np.int32], size: float) -> tuple[Float64, NDArray[np.int32]]:
+def _halved(
+    triangles: Float64, shape: NDArray[np.int32], size: float, limit: int
+) -> tuple[Float64, NDArray[np.int32]]:
     """Halve triangles (T, 3, 3) at their longest edge until no edge exceeds `size`.
 
     Returns the corners (N, 4, 3) of the pieces, with the last corner repeated, and their shape indices (N,). Raises
-    UsageError for more than MAX_TEXELS pieces.
+    UsageError for more than `limit` pieces.
     """
     done: list[Float64] = []
     of: list[NDArray[np.int32]] = []
@@ -267,7 +278,7 @@ def _halved(triangles: Float64, shape: NDArray[np.int32], size: float) -> tuple[
         done.append(triangles[~long])
         of.append(shape[~long])
         triangles, shape, lengths = triangles[long], shape[long], lengths[long]
-        if sum(map(len, done)) + 2 * len(triangles) > MAX_TEXELS:
+        if sum(map(len, done)) + 2 * len(triangles) > limit:
             raise UsageError(
                 f"texels: of size {size:g} there are more than {MAX_TEXELS:,}.", "Take larger ones, or some shapes."
             )

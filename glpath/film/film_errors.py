@@ -113,8 +113,11 @@ class FilmErrors(FilmSums):
         The error is the noise that `relative_error` estimates, without `solution_error`: sqrt(mean over pixels and
         channels of e² / (mean² + 0.01)). So 0.01 is noise of 1 % if the image is not dark. With the default
         confidence, at least 95 of 100 renders with other seeds have an error below their bound. `glpath.film.noise`
-        describes the method. None if fewer than four batches have path sets, that is below 25 path sets.
+        describes the method. None if fewer than four batches have path sets, that is below 25 path sets. Raises
+        UsageError for a confidence that is not between 0 and 1.
         """
+        if not 0 < confidence < 1:
+            raise UsageError(f"confidence: {confidence:g} where a number above 0 and below 1 is needed")
         used = np.flatnonzero(self.batch_counts)
         if len(used) < MIN_BATCHES:
             return None

@@ -26,6 +26,7 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from glpath.errors import ContextError, GlpathError, TimeLimitError, UsageError, warn
@@ -46,7 +47,7 @@ from glpath.rendering.run_options import RunOptions
 from glpath.rendering.session import begin, checked_plan, describe_plan, metadata_of, prepare, remarks_of
 from glpath.rendering.stopping import looked_at
 from glpath.scene import Scene
-from glpath.system.arguments import short_repr
+from glpath.system.arguments import checked, short_repr
 from glpath.system.heartbeat import heartbeat
 from glpath.system.log import log
 from glpath.system.time_limit import check_time, preparing_scene, seconds_left, time_is_up
@@ -78,9 +79,10 @@ class Cluster(Connection):
     chunk_seconds      : target time of a chunk of path sets on a worker, seconds
     """
 
-    def __init__(self, address: str, dashboard: bool = False, chunk_seconds: float = CHUNK_SECONDS) -> None:
-        if not chunk_seconds > 0:
-            raise UsageError(f"chunk_seconds: {short_repr(chunk_seconds)} where a number above 0 is needed")
+    @checked
+    def __init__(self, address: str | Path, dashboard: bool = False, chunk_seconds: float = CHUNK_SECONDS) -> None:
+        if not 0 < chunk_seconds < math.inf:
+            raise UsageError(f"chunk_seconds: {short_repr(chunk_seconds)} where a finite number above 0 is needed")
         self.chunk_seconds = chunk_seconds
         super().__init__(address, dashboard)
 

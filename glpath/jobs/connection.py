@@ -20,11 +20,13 @@ import socket
 import time
 from collections.abc import Iterator
 from multiprocessing import resource_tracker
+from pathlib import Path
 from typing import Any, Self
 
 from glpath.errors import ContextError, GlpathError, UsageError
 from glpath.gl.signals import SignalsWait
 from glpath.jobs.worker import Sharable, hold, let_go
+from glpath.system.arguments import checked
 from glpath.system.files import MAX_TEXT_BYTES, read_bytes, reason_of
 from glpath.system.log import log
 from glpath.system.machine import core_count
@@ -66,28 +68,29 @@ class Connection:
     module explains the risk.
     """
 
-    def __init__(self, address: str, dashboard: bool = False) -> None:
-        self.address = address
+    @checked
+    def __init__(self, address: str | Path, dashboard: bool = False) -> None:
+        self.address = os.fspath(address)
         self._local: Any = None
         self._lost_at: float | None = None
         self._quiet = contextlib.ExitStack()
         distributed = _distributed()
         hide_teardown()
         self._quiet.enter_context(quiet(logging.WARNING))
-        if address.startswith(_LOCAL):
-            signals = SignalsWait(Connection._start_local.__code__)
-            try:
+        try:
+            if self.address.startswith(_LOCAL):
+                signals = SignalsWait(Connection._start_local.__code__)
                 signals.begin()
                 try:
-                    self._start_local(distributed, _count(address), dashboard)
+                    self._start_local(distributed, _count(self.address), dashboard)
                 finally:
                     signals.end()
-            except BaseException:
-                self.close()
-                raise
-        else:
-            self.client = _connected(distributed, address)
-            _warn_if_open(self.address, self.client.scheduler.address)
+            else:
+                self.client = _connected(distributed, self.address)
+                _warn_if_open(self.address, self.client.scheduler.address)
+        except BaseException:
+            self.close()
+            raise
 
     def _start_local(self, distributed: Any, count: int, dashboard: bool) -> None:
         """Start local processes. Signals are deferred until the end: Dask cannot close a half-started cluster."""

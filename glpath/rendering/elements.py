@@ -66,6 +66,7 @@ def element_error(
     spp          : path sets of each gather, at least 16, because an error needs more than one batch
     lookup_depth : `lookup_depth` of the image's gather
     options      : other options of `glpath.render` with `integrator="gather"`: camera, crop, lookup_distance ...
+                   `film`, `time_limit`, `noise` and `clean` are refused, because both gathers need equal path sets
 
     Raises what `glpath.render` raises, and UsageError for too few path sets and for a black picture.
 
@@ -81,6 +82,11 @@ def element_error(
     """
     if spp < 2 * BLOCK:
         raise UsageError(f"element_error: spp={spp}; noise and error are separable from {2 * BLOCK} path sets on.")
+    for name in ("film", "time_limit", "noise", "clean"):
+        if options.get(name) is not None:
+            raise UsageError(
+                f"{name}: of a single render, but element_error compares two of the same path sets.", "Give spp."
+            )
     nearer, further = (
         render(scene, integrator="gather", radiosity=radiosity, spp=spp, lookup_depth=depth, **options)
         for depth in (lookup_depth, lookup_depth + 1)

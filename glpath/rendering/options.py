@@ -232,9 +232,9 @@ def checked(settings: IntegratorSettings) -> IntegratorSettings:
 
 def _checked(setting: Setting, value: Any) -> Any:
     """Return a value converted to the setting's type. Raises UsageError for invalid values."""
-    name, low, high = setting.name, None, None
+    name, low, high, factor = setting.name, None, None, None
     if setting.meta is not None:
-        low, high = setting.meta.ge, setting.meta.le
+        low, high, factor = setting.meta.ge, setting.meta.le, setting.meta.multiple_of
     if value is None and setting.optional:
         return None
     if setting.several:
@@ -257,6 +257,8 @@ def _checked(setting: Setting, value: Any) -> Any:
         return bool(value)
     if setting.type is int:
         check_count(name, value, 0 if low is None else int(low), 2**63 if high is None else int(high))
+        if factor is not None and value % factor:
+            raise UsageError(f"{name}: {value} where a multiple of {factor} {_bounds(low, high)} is needed")
         return int(value)
     if setting.type == Rgb:
         return colour(name, value)

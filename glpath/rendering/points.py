@@ -32,6 +32,7 @@ from glpath.rendering.options import RenderKeywords, colour, with_options
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.uniformity import Spread, spread_of
 from glpath.scene import Environment, Scene
+from glpath.scene.geometry import unit_normals
 from glpath.scene.maintenance import maintained
 from glpath.sensors.sensor import PointSensor
 from glpath.system.arguments import check_word, checked, real_array
@@ -296,28 +297,21 @@ def checked_points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Floa
     )
     shapes = {positions.shape, (3,)}
     given = real_array("normals", normals, f"{positions.shape} or (3,)", shapes.__contains__)
-    facing = np.broadcast_to(given, positions.shape)
-    with np.errstate(invalid="ignore", over="ignore"):
-        longest = np.abs(facing).max(axis=1, keepdims=True)
-        # Scale extreme vectors first, because squares of the smallest are 0 and of the largest infinite.
-        extreme = (longest > 1e100) | ((longest > 0) & (longest < 1e-100))
-        facing = facing / np.where(extreme, longest, 1.0)
-        length = np.linalg.norm(facing, axis=1)
-        for what, wrong, allowed in (
-            (
-                "points",
-                ~(np.abs(positions) <= LARGEST).all(axis=1),
-                f"finite numbers from {-LARGEST:g} to {LARGEST:g} are",
-            ),
-            ("normals", ~(np.isfinite(length) & (length > 0)), "a finite vector other than zero is"),
-        ):
-            if wrong.any():
-                first = int(np.flatnonzero(wrong)[0])
-                found = (
-                    positions[first] if what == "points" else np.broadcast_to(given, positions.shape)[first]
-                ).tolist()
-                raise UsageError(f"{what}[{first}]: {found} where {allowed} needed")
-    return positions, facing / length[:, None]
+    given = np.broadcast_to(given, positions.shape)
+    facing = unit_normals(given)
+    for what, found, wrong, allowed in (
+        (
+            "points",
+            positions,
+            ~(np.abs(positions) <= LARGEST).all(axis=1),
+            f"finite numbers from {-LARGEST:g} to {LARGEST:g} are",
+        ),
+        ("normals", given, ~(np.abs(facing).max(axis=1) > 0), "a finite vector other than zero is"),
+    ):
+        if wrong.any():
+            first = int(np.flatnonzero(wrong)[0])
+            raise UsageError(f"{what}[{first}]: {found[first].tolist()} where {allowed} needed")
+    return positions, facing
 
 
 def _around(axes: Float64) -> Float64:

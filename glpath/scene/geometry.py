@@ -510,9 +510,16 @@ def instance_boxes(mesh: Mesh, world_from_mesh: Float64) -> tuple[Float64, Float
 
 
 def unit_normals(normals: Float64) -> Float64:
-    """Return (N, 3) normals scaled to length 1; zero normals stay zero."""
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(normals / np.where(length > 0, length, 1.0))
+    """Return (N, 3) normals scaled to length 1; zero ones stay zero, and those that are not finite become NaN."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        extreme = ~((length > 1e-100) & (length < 1e100))
+        if extreme.any():
+            # Scale extreme vectors first, because squares of the smallest are 0 and of the largest infinite.
+            longest = np.abs(normals).max(axis=1, keepdims=True)
+            normals = normals / np.where(extreme & (longest > 0), longest, 1.0)
+            length = np.linalg.norm(normals, axis=1, keepdims=True)
+        return np.asarray(normals / np.where(length > 0, length, 1.0))
 
 
 def _box(points: Float64) -> tuple[Float64, Float64]:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError, warn
-from glpath.scene.geometry import LARGEST
+from glpath.scene.geometry import LARGEST, unit_normals
 from glpath.system.arguments import check_array, checked, checked_fields, real_array, short_repr
 from glpath.system.frames import data_set
 from glpath.system.machine import core_count
@@ -436,9 +436,9 @@ def _facing(normals: Any, terrain: HeightField, points: Float64 | None) -> Float
     count = math.prod(terrain.shape) if points is None else len(points)
     allowed = {(3,), (count, 3)}
     given = real_array("normals", normals, f"(3,) or ({count}, 3)", allowed.__contains__).reshape(-1, 3)
-    length = np.linalg.norm(given, axis=1)
-    wrong = ~(np.isfinite(length) & (length > 0))
+    facing = unit_normals(given)
+    wrong = ~(np.abs(facing).max(axis=1) > 0)
     if wrong.any():
         first = int(np.flatnonzero(wrong)[0])
         raise UsageError(f"normals[{first}]: {given[first].tolist()} looks nowhere.")
-    return np.asarray(given / length[:, None], np.float32)
+    return np.asarray(facing, np.float32)

@@ -140,8 +140,12 @@ def test_the_command_writes_and_tells(tmp_path: Path) -> None:
     assert written["valid"] == [True, False, True]
     by_call = glpath.probes(scene, (3, 1, 1), [[-3, -1, -1], [3, 1, 1]], spp=16)
     np.testing.assert_allclose(written["coefficients"], by_call.coefficients.reshape(3, 27), rtol=1e-6, atol=1e-7)
-    for wrong, words in (("3x1", "--grid 3x1: expected NxNxN"), ("axbxc", "--grid axbxc: expected NxNxN")):
-        refused = CliRunner().invoke(app, ["probes", str(scene), "--grid", wrong, "-o", str(out)])
+    for wrong, words in (
+        (("--grid", "3x1"), "--grid 3x1: expected NxNxN"),
+        (("--grid", "axbxc"), "--grid axbxc: expected NxNxN"),
+        (("--grid", "3x1x1", "--bounds=-3,-1,-1,3,1,1_0"), "1_0: expected X,Y,Z,X,Y,Z"),
+    ):
+        refused = CliRunner().invoke(app, ["probes", str(scene), *wrong, "-o", str(out)])
         assert refused.exit_code == 2
         assert words in refused.stderr
 

@@ -712,6 +712,12 @@ def test_diff_fails_above_the_limit_only(pair: tuple[Path, Path]) -> None:
     assert run("diff", *pair, "--fail", "inf").exit_code == 2
 
 
+def test_diff_refuses_the_scale_of_a_picture_that_it_does_not_write(pair: tuple[Path, Path]) -> None:
+    result = run("diff", *pair, "--scale", 0.5)
+    assert result.exit_code == 2
+    assert "--scale 0.5: belongs to -o FILE.png" in result.stderr
+
+
 def test_diff_of_values_whose_squares_are_no_numbers_fails(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.full((2, 2, 3), 1e200))
     np.save(tmp_path / "b.npy", np.full((2, 2, 3), 2e200))

@@ -116,6 +116,11 @@ def test_wrong_usage_of_a_year_is_refused_before_anything_is_computed(tmp_path: 
         ((*year, "--weather", epw, "--threshold", "inf"), "a finite number above 0"),
         ((*year[:3], "--weather", epw), "No --points"),
         (("cornell-box", "-o", tmp_path / "dc.npz", "--points", sensors, "--blinds", "office"), "--weather"),
+        *(
+            ((*year[:2], tmp_path / "dc.npz", "--points", sensors, *typed), f"{typed[0]}: is of a year")
+            for typed in (("--occupied", "garbage"), ("--threshold", -5), ("--ground", 7))
+        ),
+        ((*year[:2], tmp_path / "dc.npz", "--points", sensors, "--no-hours"), "--hours/--no-hours: is of a year"),
         ((tmp_path / "dc.npz", "-o", tmp_path / "other.npz"), "has coefficients already"),
         (("cornell-box", "-o", tmp_path / "year.txt", "--points", sensors, "--weather", epw), ".nc or .csv"),
     ):
@@ -177,6 +182,10 @@ def test_wrong_usage_of_texels_is_refused_before_anything_is_computed(tmp_path: 
         ((*of_texels, "--texel-size", 1, "--normal", "0,1,0"), "--normal: beside --receiver texels"),
         ((*of_texels, "--texel-size", 1, "--show", "lux"), "There is sky_view_factor; with --weather others"),
         ((*start, "--points", sensors), "the sensors are points"),
+        (
+            (*start[:2], "a.vtp", "--points", sensors, "--texel-size", 0),
+            "--texel-size: belongs to --receiver texels",
+        ),
         ((*start, "--points", sensors, "--texel-size", 1), "--texel-size: belongs to --receiver texels"),
         (("cornell-box", "-o", tmp_path / "a.vtp", "--points", sensors, "--show", "x"), "--show: is what colours"),
     ):

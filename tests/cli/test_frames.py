@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 from typer.testing import CliRunner, Result
 
 import glpath
@@ -86,6 +87,18 @@ def test_only_what_is_missing_is_rendered_again_and_as_bright(scene, tmp_path):
     assert [path.name for path in before if before[path] != after[path]] == ["f_01.png"]
     assert np.array_equal(opened(tmp_path / "f_01.png")[0], picture)
     assert len({opened(path)[1] for path in after}) == 1
+
+
+@pytest.mark.parametrize(("resume", "stops"), [((), "9"), (("--resume",), "nan")])
+def test_old_pictures_do_not_expose_new_ones(scene, tmp_path, resume, stops):
+    """Witness: the same frame in an empty folder."""
+    assert render(scene, "--frames", "1:2", "-o", tmp_path / "new_{:02}.png").exit_code == 0
+    old = PngInfo()
+    old.add_text("glpath.exposure_stops", stops)
+    first = 0 if resume else 1
+    Image.new("RGB", (21, 16)).save(tmp_path / f"f_{first:02}.png", pnginfo=old)
+    assert render(scene, "--frames", f"{first}:2", "-o", tmp_path / "f_{:02}.png", *resume).exit_code == 0
+    assert opened(tmp_path / "f_01.png")[1] == opened(tmp_path / "new_01.png")[1]
 
 
 def opened(path: Path) -> tuple[np.ndarray, str]:
@@ -188,6 +201,7 @@ def test_frames_of_another_scene_or_kind_of_camera_are_rendered_alike(scene):
         (("--turntable", 1_000_000_000), "--turntable 1000000000: must be at most 100,000"),
         (("--frames", "0:2", "--turntable", 2), "--frames beside --turntable"),
         (("--frames", "0:2", "--fps", 0), "--fps 0: must be above 0"),
+        (("--fps", 24), "--fps 24: belongs to --frames and --turntable"),
         (("--frames", "0:2", "-o", "a_{.png"), "does not hold the number of a frame"),
         (("--frames", "0:2", "-o", "a_{:.0}.png"), "does not hold the number of a frame"),
         (("--frames", "0:2", "-o", "a.mp4"), "a movie is made of .png frames"),

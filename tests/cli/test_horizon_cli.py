@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glpath.cli.horizon import _table
-from glpath.errors import SceneWarning
+from glpath.errors import SceneWarning, UsageError
 from tests.support.command_line import run
 
 
@@ -62,7 +62,10 @@ HOURS = ("--quantity", "sun-hours", "--suns")
         (("-o", "a.npy", "--suns", "suns.csv"), "have no part in sky view factors"),
         (("-o", "a.npy", "--classes", "2"), "--classes: belongs to"),
         (("-o", "a.npy", "--quantity", "irradiation", "--suns", "suns.csv"), "has no column energy"),
-        (("-o", "a.npy", "--quantity", "sun-hours", "--suns", "bad.csv"), "row 1, altitude: 'x' is no number"),
+        (
+            ("-o", "a.npy", "--quantity", "sun-hours", "--suns", "bad.csv"),
+            "line 2: altitude is 'x', which is no",
+        ),
         (("-o", "a.npy", "--points", "suns.csv"), "has no column x"),
         (("-o", "a.npy", "--points", "ridge.npy"), "no such points are read"),
         (("-o", "a.npy", *HOURS, "twice.csv"), "has two columns hours"),
@@ -81,6 +84,16 @@ def test_what_it_refuses(
     assert result.exit_code in (1, 2)
     text = result.output if result.exception is None else f"{result.output} {result.exception}"
     assert words in text
+
+
+def test_a_table_with_an_open_quote_names_the_line(tmp_path: Path) -> None:
+    """Without the quote, each of the 9,000 lines is a row; the quote would swallow all rows below its line."""
+    path, rest = tmp_path / "table.csv", "180.25,45.125\n" * 8999
+    path.write_text("azimuth,altitude\n180,45\n" + rest)
+    assert len(_table(path, "--suns", ("azimuth", "altitude"), ())["azimuth"]) == 9000
+    path.write_text('azimuth,altitude\n180,"45\n' + rest)
+    with pytest.raises(UsageError, match="line 2: is no line of a table"):
+        _table(path, "--suns", ("azimuth", "altitude"), ())
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,18 @@ def test_black_pictures_do_not_divide_by_zero() -> None:
     assert compare.psnr(IMAGE, black) == -math.inf
 
 
+def test_tiny_values_have_their_measures() -> None:
+    """20 log10(peak / difference), although the squares of both are 0 in float64."""
+    small, ones = np.full((2, 3, 3), 1e-200), np.ones((2, 3, 3))
+    assert compare.psnr(2 * small, small) == pytest.approx(0.0, abs=1e-9)
+    assert compare.psnr(ones, small) == pytest.approx(-4000.0)
+    assert compare.psnr(ones, np.zeros((2, 3, 3)), peak=1e-170) == pytest.approx(-3400.0)
+    assert compare.psnr(np.zeros((2, 3, 3)), small, peak=1.0) == pytest.approx(4000.0)
+    for measure in (compare.relative_mse, lambda a, b, epsilon: compare.difference_image(a, b, epsilon=epsilon)):
+        with pytest.raises(UsageError, match="epsilon: 0 where a number above 0 is needed, because the squares of"):
+            measure(small, small, epsilon=0.0)
+
+
 def test_too_bright_is_red_and_too_dark_is_blue() -> None:
     image = REFERENCE.copy()
     image[0, 0] += 0.1

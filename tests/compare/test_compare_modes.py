@@ -200,8 +200,9 @@ def test_limits_are_checked() -> None:
             compare(grey, grey, mode, **limits)
         assert message in str(caught.value)
     assert read_limits("stat", ["alpha=1e-3", "tolerance=0"]) == {"alpha": 1e-3, "tolerance": 0.0}
-    with pytest.raises(UsageError, match="limit alpha: expected NAME=NUMBER"):
-        read_limits("stat", ["alpha"])
+    for text in ("alpha", "alpha=1_0", "alpha=\u0661"):
+        with pytest.raises(UsageError, match=f"limit {text}: expected NAME=NUMBER"):
+            read_limits("stat", [text])
 
 
 # ---- flip

@@ -56,6 +56,26 @@ def test_cells_tile_a_box_and_face_as_it_does(size: float) -> None:
             assert len(np.unique(found.points[there].round(9), axis=0)) == there.sum()
 
 
+def test_too_many_cells_of_narrow_parallelograms_are_refused_at_once() -> None:
+    """A strip of 1e5 x 0.15 has ceil(1e5 / 1.2) = 83,334 cells, although its area is that of 10,417 squares."""
+    corners = [[[0, i, 0], [1e5, i, 0], [1e5, i + 0.15, 0], [0, i + 0.15, 0]] for i in range(60)]
+    strips = {**BLOCK, "shapes": [{"type": "quad", "corners": each, "material": "black"} for each in corners]}
+    with pytest.raises(UsageError, match=f"texels: {60 * 83_334:,} or more of size 1.2; at most 4,000,000"):
+        texels(strips, 1.2)
+    assert len(texels({**strips, "shapes": strips["shapes"][:1]}, 1.2)) == 83_334
+
+
+def test_methods_of_no_texels_and_of_ragged_values_name_the_argument(tmp_path: Path) -> None:
+    at = texels(BLOCK, 50.0)
+    for call, words in (
+        (lambda: at[:0].mean([]), "mean: there are no texels"),
+        (lambda: at[:0].to_glb(tmp_path / "a.glb", [], quantity="q"), "to_glb: there are no texels"),
+        (lambda: at[:2].to_vtk({"lux": [[1], [1, 2]]}), r"lux: \[\[1\], \[1, 2\]\] where an array of real numbers"),
+    ):
+        with pytest.raises(UsageError, match=words):
+            call()
+
+
 def test_triangles_are_halved_until_they_are_small() -> None:
     found = texels(BLOCK, 0.5, shapes=["roof*"])
     a, b, c = np.array(BLOCK["shapes"][1]["vertices"])

@@ -330,6 +330,13 @@ def test_an_error_that_is_none_is_refused(name: str, error: float, make_film: Ma
         metadata_of(json.loads(text))
 
 
+@pytest.mark.parametrize("confidence", [95.0, 1.0, 0.0, -0.5, float("nan")])
+def test_confidence_is_a_probability(confidence: float, make_film: MakeFilm) -> None:
+    """Noise has no finite bound with probability 1, and a probability of 95 does not exist."""
+    with pytest.raises(UsageError, match=r"confidence: .* above 0 and below 1"):
+        make_film([(0, 64)]).error_bound(confidence)
+
+
 @pytest.mark.parametrize("value", ["-1", "-0.001", "true", "NaN", "Infinity", "1e400", '"1"', "null"])
 def test_a_time_that_is_none_is_refused(value: str, make_film: MakeFilm) -> None:
     text = json.dumps(asdict(make_film([]).metadata))

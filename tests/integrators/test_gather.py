@@ -627,6 +627,14 @@ def test_the_estimate_takes_a_camera_and_pictures_of_any_size() -> None:
         glpath.element_error(BOX, spp=8)
 
 
+@pytest.mark.parametrize("options", [{"time_limit": 0.4}, {"noise": 0.5}, {"clean": 0.5}, {"film": object()}])
+def test_two_gathers_of_other_path_sets_are_not_compared(options: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rule ends each gather after another number of path sets, and one batch has no variance."""
+    monkeypatch.setattr("glpath.rendering.elements.render", lambda *given, **others: pytest.fail("rendered"))
+    with pytest.raises(UsageError, match=f"{next(iter(options))}: of a single render"):
+        glpath.element_error(BOX, **options)
+
+
 def test_a_black_picture_has_no_relative_error(monkeypatch: pytest.MonkeyPatch) -> None:
     black = SimpleNamespace(mean=np.zeros((16, 16, 3)))
     monkeypatch.setattr("glpath.rendering.elements.render", lambda *given, **options: black)

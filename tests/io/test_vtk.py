@@ -73,6 +73,8 @@ def test_view_factors_are_on_their_faces(tmp_path: Path) -> None:
         found.to_vtk(CUBE)
     with pytest.raises(UsageError, match="net_flux of shape"):
         found.to_vtk(**ROOM, values={"net_flux": flux[:3]})
+    with pytest.raises(UsageError, match=r"to_vtk: net_flux is .* where an array of real numbers is needed"):
+        found.to_vtk(**ROOM, values={"net_flux": [[1], [1, 2]]})
 
 
 def test_a_radiosity_solution_is_on_its_elements(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
 import pickle
 import signal
@@ -29,7 +30,7 @@ from typer.testing import CliRunner
 
 import glpath
 from glpath.cli.main import app
-from glpath.errors import ContextError, TimeLimitError, UsageError
+from glpath.errors import ContextError, GlpathError, TimeLimitError, UsageError
 from glpath.film.batches import BLOCK
 from glpath.film.film import Film
 from glpath.jobs import cluster as clusters
@@ -362,6 +363,29 @@ def test_a_scheduler_by_its_address_and_workers_that_come_later():
 def test_an_address_that_cannot_be(address, error, said):
     with pytest.raises(error, match=said):
         Cluster(address)
+
+
+def test_a_scheduler_file_may_be_a_path(tmp_path, monkeypatch):
+    """A path and its text have the same errors, and leave the log of Dask as it was."""
+    monkeypatch.setattr(clusters_connection, "_REFUSED_S", 0.0)
+    (tmp_path / "closed.json").write_text('{"address": "tcp://127.0.0.1:1"}')
+    levels = {name: logging.getLogger(name).level for name in clusters_connection._dask_loggers()}
+    for name, words in (("none.json", "is neither local:N"), ("closed.json", "no scheduler answers")):
+        errors = []
+        for address in (tmp_path / name, str(tmp_path / name)):
+            with pytest.raises(GlpathError, match=words) as caught:
+                Cluster(address)
+            errors.append(str(caught.value))
+        assert errors[0] == errors[1]
+    assert {name: logging.getLogger(name).level for name in levels} == levels
+
+
+@pytest.mark.parametrize(
+    "options", [{"address": 4}, {"address": b"local:1"}, {"dashboard": "no"}, {"chunk_seconds": "5"}]
+)
+def test_wrong_arguments_of_a_cluster_are_named(options):
+    with pytest.raises(UsageError, match=next(iter(options))):
+        Cluster(**{"address": "local:1", **options})
 
 
 def test_what_dask_s_configuration_refuses_is_said_at_once(tmp_path):

@@ -171,6 +171,12 @@ def test_exposure_and_tone_curve_of_merge_are_those_of_render(tmp_path: Path) ->
     outputs, merged = pictures(tmp_path, "merged")
     succeed("merge", tmp_path / "a.npz", *outputs, *shown)
     check_same_pictures(whole, merged)
+    for option in (shown[:2], shown[2:]):
+        for command in (["render", *SMALL], ["merge", tmp_path / "a.npz"]):
+            typed = [*command, "-o", tmp_path / "b.exr", "-o", tmp_path / "b.npz", *option]
+            result = run(*typed)
+            assert result.exit_code == 2
+            assert f"{' '.join(option)}: an .exr or .npz holds the light itself" in result.stderr
 
 
 def test_a_checkpoint_is_a_shard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

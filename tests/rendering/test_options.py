@@ -171,6 +171,22 @@ def test_settings_are_checked_also_where_they_come_as_an_instance() -> None:
         assert words in str(caught.value)
 
 
+def test_light_resolution_is_even_as_it_is_declared(tmp_path: Path) -> None:
+    """The sides of the hemicube are half as high as its top, which has no middle texel if the number is even."""
+    text = RenderJob.of(BOX, integrator="path-buffer", light_resolution=64).to_json()
+    assert '"light_resolution": 64' in text
+    for call in (
+        lambda: settings_of("path-buffer", {"light_resolution": 65}),
+        lambda: RenderJob.from_json(text.replace('"light_resolution": 64', '"light_resolution": 65')),
+    ):
+        with pytest.raises(glpath.UsageError, match="light_resolution: 65 where a multiple of 2 from 16 to 4096"):
+            call()
+    typed = ["--integrator", "path-buffer", "--light-resolution", "65", "-o", str(tmp_path / "a.png")]
+    result = CliRunner().invoke(app, ["render", BOX, *typed])
+    assert result.exit_code == 2
+    assert "--light-resolution 65: must be a multiple of 2" in result.output
+
+
 def test_values_become_those_of_the_type() -> None:
     settings = checked(PathBufferSettings(ambient=0.5, cell_share=2))  # type: ignore[arg-type]
     assert isinstance(settings, PathBufferSettings)

@@ -37,6 +37,16 @@ def test_a_tilted_plane_sees_half_of_one_plus_its_cosine(tilt: float) -> None:
     assert horizon(field).sky_view_factor()[30, 30] == pytest.approx(level, abs=5e-4)
 
 
+@pytest.mark.parametrize("length", [1e-320, 1e-200, 1.0, 1e200])
+def test_normals_of_any_length_face_alike(length: float) -> None:
+    """A receiver on open ground sees (1 + cos s) / 2 of the sky, whatever the length of its normal."""
+    found = horizon(FLAT, [[3.3, -4.1]], normals=[0.6 * length, 0.0, 0.8 * length]).sky_view_factor()
+    assert found[0] == pytest.approx(0.9, abs=2e-3)
+    for normal in ([0.0, 0.0, 0.0], [0.0, 0.0, np.inf], [np.nan, 0.0, 1.0]):
+        with pytest.raises(UsageError, match=r"normals\[0\]: .* looks nowhere"):
+            horizon(FLAT, normals=normal)
+
+
 def test_on_the_foot_of_a_high_wall_half_of_the_sky_is_left() -> None:
     wall = np.tile(np.where(np.arange(40) < 20, 0.0, 9e4), (4000, 1))
     found = horizon(wall, [[18.999, -2000.0]], azimuths=720).sky_view_factor()

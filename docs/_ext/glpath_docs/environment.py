@@ -42,6 +42,7 @@ OTHERS = {
         "a command sets it to `1` for its processes, so that they import no modules of the current folder",
     ),
     "COLUMNS": ("a number from 1 to 9999", "width of tables and of help; any other value is ignored"),
+    "TERMINAL_WIDTH": ("a number from 1 to 9999", "width of help; any other value is ignored"),
     "CI": ("anything but `0`, `false`, `no`", "image tests fail for a missing baseline, and write none"),
     "PYTHONPATH": ("folders", "passed on to the processes that try each device"),
     "LIBGL_DRIVERS_PATH": ("folders", "where `glpath doctor` looks for Mesa's drivers first"),

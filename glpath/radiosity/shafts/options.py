@@ -9,6 +9,7 @@ from typing import Any, Literal
 from glpath.errors import UsageError
 from glpath.radiosity.shafts.shaft import Strategy
 from glpath.system.arguments import checked, short_repr
+from glpath.system.numerals import real, whole
 from glpath.system.suggestions import similar_names
 
 StrategyName = Literal["no shaft", "keep closed", "always open", "overlap open", "ratio open"]
@@ -162,7 +163,7 @@ def _value_of(name: str, word: str) -> Any:
     if word == "none" and "None" in kind:
         return None
     try:
-        return int(word) if kind == "int" else float(word)
+        return whole(word) if kind == "int" else real(word)
     except ValueError as error:
         raise UsageError(f"shaft option {name}={word}: must be a {'whole ' * (kind == 'int')}number.") from error
 

@@ -30,7 +30,7 @@ from glpath.radiosity.view_factors.formats import (
 )
 from glpath.radiosity.view_factors.heat_exchange import RadiativeExchange, exchange_of
 from glpath.scene.geometry import LARGEST
-from glpath.system.arguments import check_array, checked, short_repr
+from glpath.system.arguments import check_array, checked, is_numbers, short_repr
 from glpath.system.files import whole_file
 from glpath.system.frames import data_frame, data_set
 from glpath.system.npz import open_npz
@@ -269,7 +269,10 @@ class ViewFactors:
         data = {
             "area": self.areas, "row_sum": self.row_sums, "sky": self.sky, "backs": self.backs, "error": self.error,
         }  # fmt: skip
-        data |= {name: np.asarray(each) for name, each in (values or {}).items()}
+        for name, each in (values or {}).items():
+            if not is_numbers(each):
+                raise UsageError(f"to_vtk: {name} is {short_repr(each)} where an array of real numbers is needed.")
+            data[name] = np.asarray(each)
         for name, each in data.items():
             if np.ndim(each) < 1 or len(each) != len(self):
                 raise UsageError(f"to_vtk: {name} of shape {np.shape(each)}, but there are {len(self):,} rows.")

@@ -336,6 +336,8 @@ def test_options_of_shafts_change_the_time_of_a_solution_and_nothing_else(words)
         (["clumb=8"], "Is clump meant"),
         (["clump"], "Write NAME=VALUE"),
         (["clump=eight"], "must be a whole number"),
+        (["clump=1_0"], "must be a whole number"),
+        (["ratio=\u0660"], "must be a number"),
         (["nested=maybe"], "must be yes or no"),
         (["strategy=best"], "allowed are no shaft, keep closed"),
         (["ratio=2"], "allowed are 0 to 1"),
