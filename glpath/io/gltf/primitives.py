@@ -258,6 +258,8 @@ class Primitives:
                         f"{found[name].shape[0]:,} x {found[name].shape[1]}.",
                         "Export the file anew.",
                     )
+                check_time()
+                self.accessors.document.take(offsets.nbytes, location)  # targets may share one accessor
                 found[name] = found[name] + weight * offsets
                 changed.add(name)
 
