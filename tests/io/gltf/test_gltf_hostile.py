@@ -641,9 +641,43 @@ def test_draco_headers_give_the_most_faces_and_points(in_order: bool) -> None:
     points = np.stack([i, i % 2, 0 * i], axis=1).astype(np.float32)
     data = draco.encode(points, faces, preserve_order=in_order)
     found = draco_counts(memoryview(data), SourceLocation("a.glb"))
-    assert found == ((298, 300) if in_order else (298, 894))
+    assert found == ((298, 300, 1) if in_order else (298, 894, 1))
     with pytest.raises(SceneError, match="cannot be decompressed"):
         draco_counts(memoryview(data)[:11], SourceLocation("a.glb"))
+
+
+@pytest.mark.parametrize("in_order", [True, False])
+def test_all_attributes_of_draco_data_are_counted_before_they_are_decoded(
+    in_order: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The decoder unpacks attributes that the JSON does not name, too: here 60, and 9 numbers are 3 vectors."""
+    draco = pytest.importorskip("DracoPy", reason="needs the extra gltf")
+    i = np.arange(300)
+    more = {n: np.zeros((300, 9 if n == 1 else 4), np.uint32) for n in range(1, 61)}
+    data = draco.encode(
+        np.stack([i, i % 2, 0 * i], axis=1).astype(np.float32),
+        np.stack([i[:-2], i[1:-1], i[2:]], axis=1),
+        preserve_order=in_order,
+        generic_attributes=more,
+    )
+    faces, points, vectors = draco_counts(memoryview(data), SourceLocation("a.glb"))
+    widths = [np.shape(a["data"])[1] for a in draco.decode(data).attributes]
+    assert vectors == sum(-(-width // 4) for width in widths) == 63
+    file = plain()
+    primitive = file.json["meshes"][0]["primitives"][0]
+    extension = {"bufferView": file.view(data), "attributes": {"POSITION": 0}}
+    primitive["extensions"] = {"KHR_draco_mesh_compression": extension}
+    del file.json["accessors"][primitive["attributes"]["POSITION"]]["bufferView"]
+    monkeypatch.setattr(draco, "decode", None)
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_DECODED_RATIO", 0)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DECODED_BYTES", 48 * 63 * points - 1)
+    assert f"needs {72 * faces + 48 * 63 * points:,} bytes of memory" in str(refused(file.write(tmp_path)))
+
+
+def test_a_list_of_very_many_draco_attributes_is_refused() -> None:
+    content = draco_header(b"\0", b"\1\3") + b"\1\x41" + b"\4\5\4\0\1" * 65 + bytes(65)
+    with pytest.raises(SceneError, match="a list of 65 attributes; at most 64 are read"):
+        draco_counts(memoryview(content), SourceLocation("a.glb"))
 
 
 def test_meshopt_data_are_decoded_without_a_copy() -> None:
