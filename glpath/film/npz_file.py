@@ -91,9 +91,9 @@ def read_parts(path: str | Path) -> FilmParts:
         if not disjoint(ranges) or not np.array_equal(counts_of(ranges), counts):
             raise ValueError("its ranges of path sets overlap, or are not what its batches count")
         used = counts > 0
-        # A film without path sets counts as one batch, so that the size of its window is limited, too.
+        # Batches without path sets are not stored, but have zeros in memory.
         width, height = metadata.window[2:]
-        numbers = 3 * max(1, int(used.sum())) + sum(metadata.aov_sums.values())
+        numbers = 3 * BATCHES + sum(metadata.aov_sums.values())
         check_unfolded(8 * width * height * numbers, os.path.getsize(path))
         film = FilmParts.empty(metadata)
         sums = stored.read("radiance_sums", "f", (int(used.sum()), *film.radiance_sums.shape[1:]))

@@ -19,8 +19,9 @@ from glpath.scene.patches import Heights, PatchChunks, Patches, diced, triangle_
 from glpath.scene.source_location import SourceLocation
 
 DEFAULT_LEVEL = 8
-#: Maximum number of triangles of a scene's patches that are kept in memory; more would take gigabytes.
-MAX_TRIANGLES = 2**24
+#: Maximum number of triangles of a scene's patches that are kept in memory. To divide patches takes about 320 bytes
+#: for each triangle, so a scene file of a few hundred bytes takes at most 0.7 GB.
+MAX_TRIANGLES = 2**21
 
 
 @dataclass(frozen=True)

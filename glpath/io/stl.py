@@ -128,17 +128,18 @@ def _read_ascii(content: bytes, source: str) -> list[Facets]:
         if not ends:  # some programs omit the loops
             ends = list(range(3, len(parts) + 1, 3))
         cut += len(parts) - max(ends, default=0)
+        if not ends:
+            continue
         sizes = np.diff(ends, prepend=0)
         facets += len(sizes)
-        if len(sizes):
-            try:
-                positions = parse_numbers(" ".join(_corner_texts(parts[: ends[-1]]))).reshape(ends[-1], 3)
-            except ValueError:
-                _check_lines(text, source)
-                raise
-            solids.append((positions, sizes))
-    if len(solids) > MAX_PARTS:
-        raise ValueError(f"it has {len(solids):,} solids, but {MAX_PARTS:,} are the most")
+        try:
+            positions = parse_numbers(" ".join(_corner_texts(parts[: ends[-1]]))).reshape(ends[-1], 3)
+        except ValueError:
+            _check_lines(text, source)
+            raise
+        solids.append((positions, sizes))
+        if len(solids) > MAX_PARTS:
+            raise ValueError(f"it has more than {MAX_PARTS:,} solids, and no more are read")
     missing = len(solids) - text.count("endsolid")
     if missing > 0 or cut:
         left_out = f", and {cut:,} corners of one that is not whole are left out" if cut else ""

@@ -52,7 +52,8 @@ def merge_shards(paths: Iterable[Path]) -> tuple[Film, list[Path]]:
         if merged is not None and (found := differences(merged.metadata, film.metadata)):
             first = next(iter(ranges))
             raise _another_render({first: merged.metadata, path: film.metadata}, found)
-        content = (film.ranges, hashlib.sha256(np.ascontiguousarray(film.radiance_sums).data).digest())
+        batches = (film.radiance_sums[batch] for batch in np.flatnonzero(film.batch_counts))
+        content = (film.ranges, *(hashlib.sha256(sums.data).digest() for sums in batches))
         if content in seen:
             repeated.append(path)
             continue

@@ -42,8 +42,11 @@ class Gathering:
             self.collected.setdefault(str(item.path), []).append(item.nodeid)
         for argument in map(str, self.config.args):
             if "::" in argument:
-                named = self.config.invocation_params.dir / argument.split("::")[0]
-                self.partly.add(str(Path(os.path.abspath(named))))
+                named = os.path.abspath(self.config.invocation_params.dir / argument.split("::")[0])
+                # A name that is no collected file, as with --pyargs, may stand for any of the files.
+                self.partly.update([named] if named in self.collected else self.collected)
+        if self.config.getoption("lf", False):  # --lf removes tests without `pytest_deselected`
+            self.partly.update(self.collected)
 
     def pytest_deselected(self, items: list[pytest.Item]) -> None:
         self.partly.update(str(item.path) for item in items)

@@ -54,9 +54,11 @@ _COUNTED_BYTES = 1 << 20
 # Memory in bytes of a sample while a height field is checked, and of a point of a point cloud while it is read.
 _DECODED_SAMPLE, _DECODED_POINT = 12, 48
 
-# LAS: number of layers and minimum record size in bytes of layered point formats. Each byte of a record above that
-# size is one more layer.
-_LAS_LAYERS = {6: (9, 30), 7: (10, 36), 8: (11, 38), 9: (10, 59), 10: (12, 67)}
+# LASzip: number of layers of each type of item that is stored in layers. BYTE14 has one for each of its bytes.
+_LAZ_LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
+_LAZ_BYTE14 = 14
+# Number of the LAS record that describes the compression.
+_LAZ_RECORD = 22204
 _LAS_FORMAT = 0x3F
 # Highest LAS point format that exists.
 _LAS_HIGHEST_FORMAT = 10
@@ -477,14 +479,34 @@ def _check_las(file: BinaryIO, total: int) -> None:
         _, chunks = struct.unpack("<II", file.read(8))
         if chunks > stored:
             raise ValueError(f"{chunks:,} chunks do not fit in {total:,} bytes")
-        if form in _LAS_LAYERS:  # a chunk has its first point, its point count, then its layers' sizes
-            layers, plain = _LAS_LAYERS[form]
-            file.seek(points_at + 8 + length + 4)
-            sizes = np.frombuffer(file.read(4 * (layers + max(0, length - plain))), "<u4")
-            if sizes.sum(dtype=np.int64) > stored:
-                raise ValueError(f"{sizes.sum(dtype=np.int64):,} bytes of its first chunk are not in it")
+        file.seek(size)
+        record = _laszip_record(file.read(points_at - size), records)
+        chunk_size, item_count = struct.unpack_from("<12xI16xH", record)
+        if chunks * chunk_size < points:
+            raise ValueError(f"{points:,} points do not fit in {chunks:,} chunks of {chunk_size:,}")
+        items = np.frombuffer(record, "<u2", 3 * item_count, 34).reshape(-1, 3).tolist()  # type, size, version
+        layers = sum(width if item == _LAZ_BYTE14 else _LAZ_LAYERS.get(item, 0) for item, width, _ in items)
+        # A chunk of layers has its first point, its point count, then its layers' sizes, then the layers.
+        at, head = points_at + 8, sum(width for _, width, _ in items) + 4
+        for chunk in range(chunks if layers else 0):
+            file.seek(at + head)
+            layer_bytes = int(np.frombuffer(file.read(4 * layers), "<u4").sum(dtype=np.int64))
+            at += head + 4 * layers + layer_bytes
+            if at > table_at:
+                raise ValueError(f"{layer_bytes:,} bytes of its chunk {chunk} are not in it")
     elif points * length > stored:
         raise ValueError(f"{points:,} points of {length} bytes do not fit in {total:,} bytes")
+
+
+def _laszip_record(content: bytes, records: int) -> bytes:
+    """Return the data of the LASzip record among the records of a LAS header. Raises ValueError if none exists."""
+    at = 0
+    for _ in range(records):
+        user, number, length = struct.unpack_from("<2x16sHH", content, at)
+        at += _LAS_RECORD + length
+        if user.split(b"\0")[0] == b"laszip encoded" and number == _LAZ_RECORD:
+            return content[at - length : at]
+    raise ValueError("it has no record of LASzip")
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cProfile
 import time
 import warnings
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 import trimesh
 
 from glpath import load_scene
-from glpath.errors import SceneError
+from glpath.errors import SceneError, SceneWarning
 from glpath.io import text as text_module
 from glpath.io.completed import aside
 from glpath.io.stl import read_stl
@@ -167,3 +168,12 @@ def test_many_solids_of_an_ascii_file_are_split_in_linear_time() -> None:
     assert time.process_time() - start < 5
     assert [len(each.corners) for each in solids] == [1 + i % 3 for i in range(10_000)]
     assert all((each.corners[:, 0, 0] == i).all() for i, each in enumerate(solids))
+
+
+def test_solids_without_a_facet_are_left_out_with_few_calls() -> None:
+    """Fewer than ten calls for each solid, however long a call takes on a busy machine."""
+    profile = cProfile.Profile()
+    with pytest.warns(SceneWarning, match="2,000 corners"):
+        solids = profile.runcall(read_stl, b"solid\n" * 2000 + b"solid\nvertex 0 0 0\n" * 2000, "a.stl")
+    assert solids == []
+    assert sum(row.callcount for row in profile.getstats()) < 10 * 4000

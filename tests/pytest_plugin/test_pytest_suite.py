@@ -272,6 +272,21 @@ def test_unused_baselines_fail_or_are_deleted(run: Run, suite, pytester: pytest.
     run("--glpath-unused=fail").assert_outcomes(passed=1)
 
 
+def test_baselines_of_tests_that_a_selection_leaves_out_are_in_use(
+    run: Run, suite, pytester: pytest.Pytester
+) -> None:
+    baselines = suite(TWO)
+    run()
+    before = files_of(baselines)
+    suite(TWO.replace("0.25", "0.75"))
+    run().assert_outcomes(passed=1, failed=1)
+    suite(TWO)
+    pytester.syspathinsert()
+    for selection in (["--lf"], ["--pyargs", "test_a::test_grey"]):
+        run("--glpath-unused", "delete", *selection).assert_outcomes(passed=1)
+        assert files_of(baselines) == before
+
+
 # ---- names
 
 

@@ -45,6 +45,14 @@ def test_triangles_of_all_patches_of_a_scene_are_limited(monkeypatch: pytest.Mon
         scene_from_dict({"camera": camera, "shapes": [shape] * 3})
 
 
+def test_small_scene_file_cannot_ask_for_a_gigabyte_of_triangles() -> None:
+    """A net of 6 x 12 points has 3 x 9 patches, each with 2 x 256 x 256 triangles, of 320 bytes each."""
+    net = [[[i, j, 0] for j in range(12)] for i in range(6)]
+    shape = {"type": "patches", "net": net, "level": 256}
+    with pytest.raises(SceneError, match=r"would be 3,538,944 triangles; at most 2,097,152 are kept in memory"):
+        scene_from_dict({"camera": {"position": [0, 0, 5], "target": [0, 0, 0]}, "shapes": [shape]})
+
+
 def ring() -> Patches:
     """A closed B-spline surface like a torus, 63 patches; the front outside."""
     a, b = (2 * np.pi * np.arange(n) / n for n in (7, 9))

@@ -442,6 +442,24 @@ def test_a_las_header_that_announces_too_much_is_refused(
         load_point_cloud(tmp_path / "a.las")
 
 
+@pytest.mark.parametrize("chunk", [0, 1])
+def test_layers_of_a_laz_chunk_are_in_its_file(chunk: int, tmp_path: Path) -> None:
+    """A chunk has 50,000 points: its first point, a point count, the sizes of nine layers, and the layers."""
+    laspy = pytest.importorskip("laspy")
+    cloud = laspy.create(file_version="1.4", point_format=6)
+    cloud.x = cloud.y = cloud.z = np.arange(50_001.0)
+    cloud.write(tmp_path / "a.laz")
+    assert load_point_cloud(tmp_path / "a.laz")[-1, 0] == pytest.approx(50_000)
+    content = bytearray((tmp_path / "a.laz").read_bytes())
+    at = struct.unpack_from("<I", content, 96)[0] + 8
+    for _ in range(chunk):
+        at += 30 + 4 + 36 + sum(struct.unpack_from("<9I", content, at + 34))
+    struct.pack_into("<I", content, at + 34, 2**29)
+    (tmp_path / "a.laz").write_bytes(content)
+    with pytest.raises(glpath.SceneError, match=f"536,[0-9,]* bytes of its chunk {chunk} are not in it"):
+        load_point_cloud(tmp_path / "a.laz")
+
+
 def test_the_sizes_of_an_ascii_grid_are_whole_numbers(tmp_path: Path) -> None:
     for count in ("inf", "4.5", "nan", "1e400"):
         with pytest.raises(glpath.SceneError, match="ncols"):

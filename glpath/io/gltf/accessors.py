@@ -91,7 +91,7 @@ class Accessors:
 
         name : name of the attribute, such as NORMAL
         """
-        if name in OPTIONAL_ATTRIBUTES:
+        if name in OPTIONAL_ATTRIBUTES and index not in self._finite:
             self._floats[index] = self.repaired(name, self._converted(index))
         return self.floats(index, widths, location)
 

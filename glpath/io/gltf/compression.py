@@ -11,13 +11,16 @@ from __future__ import annotations
 import importlib
 import io
 import struct
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.errors import TimeLimitError
 from glpath.io.gltf.table import Table
 from glpath.scene.source_location import SourceLocation
+from glpath.system.time_limit import check_time
 
 #: Names of the meshopt extension and of its successor. One decoder reads both.
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
@@ -25,6 +28,8 @@ DRACO = "KHR_draco_mesh_compression"
 BASISU = "KHR_texture_basisu"
 # Draco: flag of a header that metadata follow; maximum number of bits of a count.
 _DRACO_METADATA, _DRACO_COUNT_BITS = 0x8000, 32
+# Draco: number of types of attributes, of their numbers, and of their encodings; maximum number in a list.
+_DRACO_TYPES, _DRACO_DATA_TYPES, _DRACO_ENCODINGS, _DRACO_LONGEST = 9, 11, 4, 64
 # KTX 2: maximum number of bytes of a pixel, of which Basis Universal has one, and of blocks at the edges.
 _KTX2_PIXEL, _KTX2_BLOCKS = 2, 1 << 20
 
@@ -55,8 +60,8 @@ def draco(data: memoryview, location: SourceLocation) -> tuple[NDArray[np.int64]
         raise _broken(location, error) from error
 
 
-def draco_counts(data: memoryview, location: SourceLocation) -> tuple[int, int]:
-    """Return the maximum numbers of faces and points of a Draco mesh from its header, before it is decoded."""
+def draco_counts(data: memoryview, location: SourceLocation) -> tuple[int, int, int]:
+    """Return the maximum numbers of faces, points and vectors of a point of a Draco mesh, before it is decoded."""
     stream = io.BytesIO(data)
     try:
         head = stream.read(9)
@@ -68,21 +73,82 @@ def draco_counts(data: memoryview, location: SourceLocation) -> tuple[int, int]:
                 _draco_varint(stream)  # the attribute's unique id
                 _skip_draco_metadata(stream)
             _skip_draco_metadata(stream)
-        is_variable = version >= ((2, 2) if is_sequential else (2, 0))
+        if version < (2, 0):
+            raise ValueError(f"its bitstream is of version {head[5]}.{head[6]}, before 2.0")
+        is_variable = version >= (2, 2) or not is_sequential
 
         def count() -> int:
             return _draco_varint(stream) if is_variable else int.from_bytes(stream.read(4), "little")
 
+        vectors = _draco_vectors(data, 0 if is_sequential else 3)
         if is_sequential:
-            return count(), count()
+            return count(), count(), vectors
         stream.read(1)  # the order of traversal
         if version < (2, 2):
             count()  # vertices that the encoder has split
         vertices, faces = count(), count()
+    except TimeLimitError:
+        raise
     except Exception as error:  # a header that is cut off gives an IndexError, deep metadata a RecursionError
         raise _broken(location, error) from error
     # Seams of attributes split vertices, so each corner may be a point of its own.
-    return faces, max(vertices, 3 * faces)
+    return faces, max(vertices, 3 * faces), vectors
+
+
+def _draco_vectors(data: memoryview, decoder_bytes: int) -> int:
+    """Return the maximum number of vectors of up to four numbers that a point of a Draco mesh has.
+
+    The lists of attributes follow faces of unknown size, so the longest lists of any position are taken. They are
+    the number of lists, `decoder_bytes` for each, and then the lists. Raises OverflowError for a very long list.
+    """
+    stream, max_vectors = io.BytesIO(data), 1
+
+    @cache
+    def list_at(start: int) -> tuple[int, int] | None:
+        stream.seek(start)
+        try:
+            return _draco_list(stream), stream.tell()
+        except (ValueError, IndexError):
+            return None
+
+    values, counts = np.frombuffer(data, np.uint8), np.arange(1, 256)
+    is_attribute = (values[:-2] < _DRACO_TYPES) & (values[1:-1] - 1 < _DRACO_DATA_TYPES) & (values[2:] > 0)
+    for attribute in map(int, np.flatnonzero(is_attribute)):
+        check_time()
+        # The count before the first attribute has up to five bytes, of which all but the last are above 127.
+        for start in range(attribute - 1, max(attribute - 6, 0), -1):
+            if data[start] < 128 and start < attribute - 1:
+                break
+            if list_at(start) is None:
+                continue
+            before = values[np.maximum(start - 1 - decoder_bytes * counts, 0)]
+            announced = set(counts[before == counts].tolist())
+            at, vectors = start, 0
+            for lists in range(1, max(announced, default=0) + 1):
+                found = list_at(at)
+                if found is None:
+                    break
+                vectors, at = vectors + found[0], found[1]
+                if lists in announced:
+                    max_vectors = max(max_vectors, vectors)
+    return max_vectors
+
+
+def _draco_list(stream: io.BytesIO) -> int:
+    """Return the number of vectors of a list of attributes. Raises ValueError or IndexError if it is no list."""
+    count, vectors = _draco_varint(stream), 0
+    for _ in range(min(count, _DRACO_LONGEST + 1)):
+        kind, data_type, width, _ = stream.read(4)
+        if kind >= _DRACO_TYPES or not 1 <= data_type <= _DRACO_DATA_TYPES or width == 0:
+            raise ValueError
+        _draco_varint(stream)  # the attribute's unique id
+        vectors += -(-width // 4)
+    if count > _DRACO_LONGEST:
+        raise OverflowError(f"it has a list of {count:,} attributes; at most {_DRACO_LONGEST} are read")
+    encodings = stream.read(count)
+    if len(encodings) < max(count, 1) or max(encodings) >= _DRACO_ENCODINGS:
+        raise ValueError
+    return vectors
 
 
 def _draco_varint(stream: io.BytesIO) -> int:

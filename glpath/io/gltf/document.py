@@ -87,7 +87,7 @@ class Document:
     root     : root object of the JSON
     folder   : folder at which relative paths start and which they must not leave
     binary   : BIN chunk of a .glb
-    stored   : number of bytes read so far, from the file and from the files that it names
+    stored   : number of bytes of the file, and of the files read so far that it names, each counted once
     files    : named files that were found elsewhere, and images that are not used
     unfolded : sizes of the images that were decoded
     decoded  : number of bytes that were decoded
@@ -105,6 +105,8 @@ class Document:
     decoded: int = 0
     images: dict[int, NDArray[Any]] = field(default_factory=dict)
     _buffers: dict[int, bytes] = field(default_factory=dict)
+    _contents: dict[str, bytes] = field(default_factory=dict)  # by real path
+    _counted: set[str] = field(default_factory=set)  # real paths of the files in `stored`
     _views: dict[int, memoryview] = field(default_factory=dict)
     _lists: dict[str, Tables] = field(default_factory=dict)
 
@@ -207,8 +209,15 @@ class Document:
             raise location.error(f"names {shown(name)}, {error}.", near) from error
         if not is_picture and path != self.folder / name.replace("\\", "/"):
             self.notes.add(f"The case of letters in {shown(name)}: {path.name} is read.")
-        content = read_file(path, location)
-        self.stored += len(content)
+        real = os.path.realpath(path)
+        content = self._contents.get(real)
+        if content is None:
+            content = read_file(path, location)
+        if real not in self._counted:
+            self._counted.add(real)
+            self.stored += len(content)
+        if not is_picture:  # a picture's bytes are not needed once it is decoded
+            self._contents[real] = content
         return content
 
     def lacks_picture(self, uri: str, location: SourceLocation) -> bool:

@@ -181,8 +181,8 @@ class Primitives:
         view = extension.required_index("bufferView", document.all("bufferViews"), "buffer views")
         data, ids = document.view(view), extension.table("attributes")
         found: dict[str, NDArray[Any]] = {}
-        max_faces, max_points = compression.draco_counts(data, extension.location)
-        max_bytes = _DRACO_FACE * max_faces + _DRACO_VECTOR * max(1, len(ids.values)) * max_points
+        max_faces, max_points, max_vectors = compression.draco_counts(data, extension.location)
+        max_bytes = _DRACO_FACE * max_faces + _DRACO_VECTOR * max_vectors * max_points
         document.take(max_bytes, extension.location)
         faces, by_id = compression.draco(data, extension.location)
         # The header gives upper bounds, so count the actual sizes instead.
@@ -258,6 +258,8 @@ class Primitives:
                         f"{found[name].shape[0]:,} x {found[name].shape[1]}.",
                         "Export the file anew.",
                     )
+                check_time()
+                self.accessors.document.take(offsets.nbytes, location)  # targets may share one accessor
                 found[name] = found[name] + weight * offsets
                 changed.add(name)
 

@@ -22,8 +22,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from glpath.errors import SceneError, SceneWarning, UsageError
-from glpath.io.gltf import compression, load
+from glpath.io.gltf import accessors, compression, load
 from glpath.io.gltf.compression import draco_counts
+from glpath.io.gltf.document import read_document
 from glpath.io.gltf.load import read_gltf
 from glpath.io.gltf.table import Table
 from glpath.scene.source_location import SourceLocation
@@ -261,6 +262,19 @@ def test_a_small_file_does_not_unfold_to_gigabytes(tmp_path: Path) -> None:
     assert "may unfold" in str(refused(file.write(tmp_path)))
 
 
+def test_a_file_of_several_buffers_is_read_and_counted_once(tmp_path: Path) -> None:
+    (tmp_path / "a.bin").write_bytes(bytes(1000))
+    (tmp_path / "link.bin").symlink_to("a.bin")
+    file = Gltf()
+    for uri in ("a.bin", "a.bin", "%61.bin", "./a.bin", "link.bin"):
+        file.add("buffers", uri=uri, byteLength=1000)
+    document = read_document(file.write(tmp_path))
+    first, *others = (document.buffer(index) for index in range(5))
+    assert all(other is first for other in others)
+    assert document.resolve("a.bin", document.location, is_picture=True) is first
+    assert document.stored == (tmp_path / "model.gltf").stat().st_size + 1000
+
+
 @pytest.mark.parametrize("is_one_node", [False, True], ids=["nodes", "gpu-instances"])
 def test_instances_of_a_small_file_do_not_unfold_without_limit(
     is_one_node: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -319,6 +333,35 @@ def test_primitives_that_nodes_deform_are_limited(
     read_gltf(path)
     monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DEFORMED", 99)
     assert f"nodes[{nodes[-1]}] brings the model to 100 primitives and morph targets" in str(refused(path))
+
+
+def test_morph_targets_that_share_an_accessor_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """1,000 targets that move 1,000 vertices by three numbers of eight bytes compute 24 MB."""
+    file, checks = Gltf(), []
+    zeros = file.add("accessors", componentType=5126, count=1000, type="VEC3")
+    primitive = {"attributes": {"POSITION": zeros}, "targets": [{"POSITION": zeros}] * 1000}
+    file.node(mesh=file.add("meshes", primitives=[primitive], weights=[1.0] * 1000))
+    path = file.write(tmp_path)
+    monkeypatch.setattr("glpath.io.gltf.primitives.check_time", lambda: checks.append(True))
+    read_gltf(path)
+    assert len(checks) >= 1000
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_DECODED_RATIO", 0)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DECODED_BYTES", 24_000_000)
+    assert re.search(r"targets\[99\d\].POSITION needs 24,000 bytes", str(refused(path)))
+
+
+def test_primitives_that_are_not_drawn_search_a_shared_accessor_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, searches = Gltf(), []
+    zeros = file.add("accessors", componentType=5126, count=1000, type="VEC3")
+    file.node(
+        mesh=file.add("meshes", primitives=[{"attributes": {"NORMAL": zeros, f"_{i}": 0}} for i in range(50)])
+    )
+    search = accessors.finite_rows
+    monkeypatch.setattr(accessors, "finite_rows", lambda *given: searches.append(True) or search(*given))
+    assert not read_gltf(file.write(tmp_path)).shapes
+    assert len(searches) == 1
 
 
 def test_a_file_of_many_materials_is_read_with_few_calls(tmp_path: Path) -> None:
@@ -598,9 +641,43 @@ def test_draco_headers_give_the_most_faces_and_points(in_order: bool) -> None:
     points = np.stack([i, i % 2, 0 * i], axis=1).astype(np.float32)
     data = draco.encode(points, faces, preserve_order=in_order)
     found = draco_counts(memoryview(data), SourceLocation("a.glb"))
-    assert found == ((298, 300) if in_order else (298, 894))
+    assert found == ((298, 300, 1) if in_order else (298, 894, 1))
     with pytest.raises(SceneError, match="cannot be decompressed"):
         draco_counts(memoryview(data)[:11], SourceLocation("a.glb"))
+
+
+@pytest.mark.parametrize("in_order", [True, False])
+def test_all_attributes_of_draco_data_are_counted_before_they_are_decoded(
+    in_order: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The decoder unpacks attributes that the JSON does not name, too: here 60, and 9 numbers are 3 vectors."""
+    draco = pytest.importorskip("DracoPy", reason="needs the extra gltf")
+    i = np.arange(300)
+    more = {n: np.zeros((300, 9 if n == 1 else 4), np.uint32) for n in range(1, 61)}
+    data = draco.encode(
+        np.stack([i, i % 2, 0 * i], axis=1).astype(np.float32),
+        np.stack([i[:-2], i[1:-1], i[2:]], axis=1),
+        preserve_order=in_order,
+        generic_attributes=more,
+    )
+    faces, points, vectors = draco_counts(memoryview(data), SourceLocation("a.glb"))
+    widths = [np.shape(a["data"])[1] for a in draco.decode(data).attributes]
+    assert vectors == sum(-(-width // 4) for width in widths) == 63
+    file = plain()
+    primitive = file.json["meshes"][0]["primitives"][0]
+    extension = {"bufferView": file.view(data), "attributes": {"POSITION": 0}}
+    primitive["extensions"] = {"KHR_draco_mesh_compression": extension}
+    del file.json["accessors"][primitive["attributes"]["POSITION"]]["bufferView"]
+    monkeypatch.setattr(draco, "decode", None)
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_DECODED_RATIO", 0)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DECODED_BYTES", 48 * 63 * points - 1)
+    assert f"needs {72 * faces + 48 * 63 * points:,} bytes of memory" in str(refused(file.write(tmp_path)))
+
+
+def test_a_list_of_very_many_draco_attributes_is_refused() -> None:
+    content = draco_header(b"\0", b"\1\3") + b"\1\x41" + b"\4\5\4\0\1" * 65 + bytes(65)
+    with pytest.raises(SceneError, match="a list of 65 attributes; at most 64 are read"):
+        draco_counts(memoryview(content), SourceLocation("a.glb"))
 
 
 def test_meshopt_data_are_decoded_without_a_copy() -> None:
