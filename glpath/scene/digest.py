@@ -23,7 +23,7 @@ UNSEEN = {
     "Texture": {"name"},
     "Light": {"name", "maintenance_factor"},
     "Sky": {"assumed"},
-    "Environment": {"assumed", "solar"},
+    "Environment": {"assumed", "solar", "north"},
 }
 
 #: Fields that a later version added, by dataclass name. A field with its default value is left out of the digest,

@@ -183,7 +183,8 @@ def test_the_digest_changes_with_every_field_but_those_that_change_no_picture():
     whole = everything()
     seen = {whole.digest(): "the scene itself"}
     reached = set()
-    mapped = replace(whole, sky=Environment(np.ones((2, 2, 3), np.float32)))
+    sky = Environment(np.ones((2, 2, 3), np.float32), north=np.array([0.0, 0.0, -1.0]))
+    mapped = replace(whole, sky=sky)
     of_map = ((f".Scene.sky{path}", replace(whole, sky=sky)) for path, sky in mutations(mapped.sky))
     sun = Sun(np.array([0.0, 1.0, 0.0]), np.ones(3))
     of_sun = [
