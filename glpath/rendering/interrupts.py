@@ -46,7 +46,7 @@ class Flag:
         # True: a signal came; False: the block has ended. A handler may interrupt `put`, but not a lock.
         self._events: queue.SimpleQueue[bool] = queue.SimpleQueue()
         self._late = False
-        self._break_in: Callable[[], object] | None = None
+        self._waiting: list[Callable[[], object]] = []  # calls that wait for the end of `whole`
         self._whole = False
 
     def __bool__(self) -> bool:
@@ -54,14 +54,21 @@ class Flag:
 
     @contextmanager
     def whole(self) -> Iterator[None]:
-        """Context that a second signal does not interrupt; the interruption follows after the block."""
+        """Context that no signal interrupts; handlers and the interruption by a second signal follow after it."""
         self._whole = True
         try:
             yield
         finally:
             self._whole = False
-        if self._break_in is not None:
-            self._break_in()
+            while self._waiting:
+                self._waiting.pop(0)()
+
+    def call(self, handler: Callable[[], object]) -> None:
+        """Call the handler of a signal, after the block of `whole` if that runs."""
+        if self._whole:
+            self._waiting.append(handler)
+        else:
+            handler()
 
     def limit_path_set(self) -> None:
         """Start the thread that interrupts a slow path set; a signal handler cannot start one safely."""
@@ -92,10 +99,8 @@ class Flag:
                 self._events.put(True)
         elif number in REPEATED and not self._late:
             return
-        elif self._whole:
-            self._break_in = break_in
         else:
-            break_in()
+            self.call(break_in)
 
 
 @contextmanager
@@ -103,9 +108,9 @@ def interrupt_as_flag() -> Iterator[Flag]:
     """Context in which Ctrl-C sets a flag instead of interrupting a path set; a second Ctrl-C interrupts.
 
     The same applies to each signal of `TERMINATING` if the command line has installed its handler. A handler that
-    another program has installed stays, and Python calls it as usual. Each signal has its own handler, because a
-    shell starts background jobs with SIGINT ignored. In other threads than the main thread, which get no signals,
-    it has no effect.
+    another program has installed is called as usual, but never while path sets are added to a film. Each signal has
+    its own handler, because a shell starts background jobs with SIGINT ignored. In other threads than the main
+    thread, which get no signals, it has no effect.
     After a signal, a command's further signals wait, because the command then cleans up and saves its result.
     """
     flag = Flag()
@@ -118,24 +123,29 @@ def interrupt_as_flag() -> Iterator[Flag]:
             command.record(number)
         flag.signalled(number, lambda: handled[signal.Signals(number)](number, frame))
 
+    def pass_on(number: int, frame: FrameType | None) -> None:
+        flag.call(lambda: others[signal.Signals(number)](number, frame))
+
+    handlers = {number: handler for number, handler in before.items() if callable(handler)}
     handled = {
         number: handler
-        for number, handler in before.items()
-        if callable(handler) and (RECORDS or handler is signal.default_int_handler)
+        for number, handler in handlers.items()
+        if RECORDS or number == signal.SIGINT or handler is signal.default_int_handler
     }
+    others = {number: handler for number, handler in handlers.items() if number not in handled}
     for command in RECORDS if handled else ():
         # A signal that came after the last check of an earlier flag ends this computation.
         if command.first is not None:
             flag.set, flag.signal = True, command.first
     if handled.keys() - {signal.SIGINT}:
         flag.limit_path_set()
-    for number in handled:
-        signal.signal(number, stop)
+    for number in handlers:
+        signal.signal(number, stop if number in handled else pass_on)
     try:
         yield flag
     finally:
         flag.close()
         for command in RECORDS if flag else ():
             command.held = True
-        for number, handler in handled.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)

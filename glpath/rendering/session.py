@@ -264,6 +264,7 @@ def begin(
             scene=metadata.scene,
             unit=metadata.unit,
             exposure=metadata.exposure,
+            pixel_aspect=metadata.pixel_aspect,
             shape_names=metadata.shape_names,
             material_names=metadata.material_names,
             stop_rule="",

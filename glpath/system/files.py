@@ -735,7 +735,7 @@ def _into_temporary_folder(rescue: Mapping[str, Save]) -> list[Path]:
             folder = tempfile.mkdtemp(prefix="glpath-", dir=parent)
             for name, save in rescue.items():
                 save(Path(folder) / name)
-        except (OSError, GlpathError):
+        except (OSError, GlpathError, MemoryError):
             shutil.rmtree(folder, ignore_errors=True)
         else:
             return [Path(folder) / name for name in rescue]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import signal
 import subprocess
 import sys
@@ -184,9 +185,27 @@ def test_handler_of_another_program_is_called_and_ends_no_render() -> None:
     try:
         with interrupt_as_flag() as flag:
             signal.raise_signal(signal.SIGHUP)
-        assert (numbers, bool(flag)) == ([signal.SIGHUP], False)
+            assert numbers == [signal.SIGHUP]
+            with flag.whole():
+                signal.raise_signal(signal.SIGHUP)
+                assert len(numbers) == 1, "the handler waits while path sets are added"
+            assert len(numbers) == 2
+            with flag.whole():
+                pass
+        assert (len(numbers), bool(flag)) == (2, False)
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+def test_first_ctrl_c_ends_a_render_within_asyncio() -> None:
+    """The handler of `asyncio.run` cancels its task, which a render keeps from running."""
+
+    async def render() -> tuple[bool, int]:
+        with interrupt_as_flag() as flag:
+            signal.raise_signal(signal.SIGINT)
+            return bool(flag), flag.signal
+
+    assert asyncio.run(render()) == (True, signal.SIGINT)
 
 
 @pytest.fixture

@@ -593,3 +593,5 @@ def test_a_checkpoint_for_which_memory_is_too_small_does_not_end_the_work(
     checkpoint = CheckpointFile(tmp_path / "a.npz", steps=1)
     assert not checkpoint.written_by(save, 1)
     assert "a.npz: cannot be written: too little memory; the work continues" in caplog.text
+    assert not checkpoint.written_by(save, 2, last=True)
+    assert checkpoint.rescue == "Nor could it be kept in a temporary folder."

@@ -30,6 +30,8 @@ _FINE = 8
 _OFF = 1e-6
 #: Number of points that a thread tests at a time.
 _TOGETHER = 1 << 12
+# Minimum area of a piece of a lamp, as a fraction of its shape's area, at which it may make a closed shape a room.
+_PIECE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -187,7 +189,8 @@ def _inhabited(scene: Scene, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
     closed : (shapes,) bool, True for the shapes to test
 
-    One point represents each piece of a lamp, because a shape may hold the lamps of several rooms.
+    One point represents each piece of a lamp, because a shape may hold the lamps of several rooms. Pieces much
+    smaller than their lamp do not count: a pin of a lamp may end in a slab.
     """
     inside = np.zeros(len(scene.shapes), bool)
     points = np.stack([
@@ -199,8 +202,12 @@ def _inhabited(scene: Scene, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
     if len(lamps):
         shape = np.broadcast_to(scene.triangle_shape[lamps, None, None], (len(lamps), 3, 1))
         piece = pieces(np.concatenate([scene.triangles[lamps], shape], axis=2))
-        order = np.lexsort((-scene.areas[lamps], piece))  # the largest triangle of each piece comes first
-        largest = lamps[order[np.unique(piece[order], return_index=True)[1]]]
+        areas = scene.areas[lamps]
+        order = np.lexsort((-areas, piece))  # the largest triangle of each piece comes first
+        of_piece, first = np.unique(piece[order], return_index=True)
+        largest = lamps[order[first]]
+        of_lamp = np.bincount(scene.triangle_shape[lamps], areas)[scene.triangle_shape[largest]]
+        largest = largest[np.bincount(piece, areas)[of_piece] > _PIECE * of_lamp]
         middles = scene.triangles[largest].mean(axis=1)
         off = 1e-6 * np.ptp(scene.triangles.reshape(-1, 3), axis=0).max() * scene.normals[largest]
         both = np.array([shape.emission_two_sided for shape in scene.shapes], bool)[scene.triangle_shape[largest]]
@@ -210,7 +217,11 @@ def _inhabited(scene: Scene, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
         corners = scene.triangles[scene.shapes.ranges[number]]
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         near = points[((points > low) & (points < high)).all(axis=1)]
-        inside[number] = any(abs(winding_number(corners, point)) > 0.5 for point in near)
+        for point in near:
+            check_time()
+            if abs(winding_number(corners, point)) > 0.5:
+                inside[number] = True
+                break
     return inside
 
 

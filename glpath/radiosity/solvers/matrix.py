@@ -47,7 +47,8 @@ def solve_matrix(transport: Transport) -> Float64:
 def _run_with_beats(function: Callable[..., Any], *given: Any) -> Any:
     """Return the result of a call, which may take minutes, and report to the watchdog meanwhile.
 
-    Ctrl-C does not wait for the call; its thread ends with the call or with the process.
+    Ctrl-C does not wait for the call, but the process ends only after it: a library that is in a call when its
+    process ends may hang.
     """
     running: Future[Any] = Future()
 
@@ -57,7 +58,7 @@ def _run_with_beats(function: Callable[..., Any], *given: Any) -> Any:
         except BaseException as error:
             running.set_exception(error)
 
-    Thread(target=run, daemon=True).start()
+    Thread(target=run).start()
     while wait([running], _BEAT_INTERVAL).not_done:
         heartbeat.beat()
     heartbeat.beat()

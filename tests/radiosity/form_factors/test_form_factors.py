@@ -175,6 +175,17 @@ def test_rooms_are_no_solids_if_one_shape_holds_the_lamps_of_all(joined):
     assert np.unique(scene.triangle_shape[solids.solid]).tolist() == [len(lamps) + 2]
 
 
+def test_a_pin_of_a_lamp_makes_no_room_of_the_block_that_it_ends_in():
+    block = part(cuboid((0, 0, 0), (1, 1, 1)))
+    lamp = np.concatenate(
+        [rectangle((0, 2, 0), (1, 0, 0), (0, 0, 1)), 0.5 + rectangle((0, 0, 0), (0.01, 0, 0), (0, 0, 0.01))]
+    )
+    degenerate = np.full((1, 3, 3), 0.5)
+    for corners in (lamp, np.concatenate([lamp[:2], degenerate])):
+        scene = room(block, part(corners, emission=1.0))
+        assert Solids.of(scene, scene.triangle_shape == 0).solid.any()
+
+
 def test_a_penumbra_is_that_of_every_pair_of_points():
     scene = room(
         part(rectangle((-1, -1, 0), (2, 0, 0), (0, 2, 0))),
