@@ -367,12 +367,18 @@ def test_an_address_that_cannot_be(address, error, said):
 
 def test_a_scheduler_file_may_be_a_path(tmp_path, monkeypatch):
     """A path and its text have the same errors, and leave the log of Dask as it was."""
-    monkeypatch.setattr(clusters_connection, "_REFUSED_S", 0.0)
-    (tmp_path / "closed.json").write_text('{"address": "tcp://127.0.0.1:1"}')
+
+    def refuse(distributed, address):
+        raise ContextError(f"no scheduler answers at {address}")
+
     levels = {name: logging.getLogger(name).level for name in clusters_connection._dask_loggers()}
-    for name, words in (("none.json", "is neither local:N"), ("closed.json", "no scheduler answers")):
+    for connected, words in (
+        (clusters_connection._connected, "is neither local:N"),
+        (refuse, "no scheduler answers"),
+    ):
+        monkeypatch.setattr(clusters_connection, "_connected", connected)
         errors = []
-        for address in (tmp_path / name, str(tmp_path / name)):
+        for address in (tmp_path / "none.json", str(tmp_path / "none.json")):
             with pytest.raises(GlpathError, match=words) as caught:
                 Cluster(address)
             errors.append(str(caught.value))

@@ -636,7 +636,7 @@ def test_whole_numbers_in_draco_data_are_shares_if_the_accessor_says_so(
     uv = np.array([[255, 0], [0, 0], [0, 0]], np.uint8)
     decoded = np.array([[0, 1, 2]]), {0: np.array(TRIANGLE, np.float32), 1: uv}
     monkeypatch.setattr("glpath.io.gltf.compression.draco", lambda data, location: decoded)
-    monkeypatch.setattr("glpath.io.gltf.compression.draco_counts", lambda data, location: (1, 3))
+    monkeypatch.setattr("glpath.io.gltf.compression.draco_counts", lambda data, location: (1, 3, 6))
     file = draco_file({"POSITION": 0, "TEXCOORD_0": 1}, b"\0", TEXCOORD_0=1)
     file.add("accessors", componentType=5121, count=3, type="VEC2", normalized=normalized)
     file.node(mesh=0)
