@@ -330,9 +330,7 @@ def _stops_before(frames: Frames, out: Sequence[Path], todo: Sequence[int]) -> f
 
     None if no such frame exists.
     """
-    from PIL import Image
-
-    from glpath.film.image import check_exposure
+    from glpath.film.image import check_exposure, png_or_jpeg
 
     replaced = set(todo)
     existing = [i for i in range(frames.first, frames.stop) if i not in replaced]
@@ -340,8 +338,8 @@ def _stops_before(frames: Frames, out: Sequence[Path], todo: Sequence[int]) -> f
         for i in existing:
             there = frames.path(path, i)
             if path.suffix.lower() in EIGHT_BIT and there.is_file():
-                errors = (OSError, KeyError, ValueError, TypeError, RecursionError, UsageError)
-                with contextlib.suppress(*errors), Image.open(there, formats=("PNG", "JPEG")) as picture:
+                # Foreign and damaged pictures make Pillow and the parser raise exceptions of any kind.
+                with contextlib.suppress(Exception), png_or_jpeg(there) as picture:
                     info = json.loads(picture.info["comment"]) if picture.format == "JPEG" else picture.info
                     stops = float(info["glpath.exposure_stops"])
                     check_exposure(stops)

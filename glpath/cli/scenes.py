@@ -289,7 +289,7 @@ def _parameters(summary: dict[str, Any]) -> list[Table]:
     table = _table("Parameters (-D KEY=VALUE)", "key", "default", "what it is")
     for key, parameter in summary["parameters"].items():
         default = "" if parameter["default"] is None else str(parameter["default"])
-        table.add_row(key, escape(default), escape(parameter["description"]))
+        table.add_row(escape(key), escape(default), escape(parameter["description"]))
     if summary["cameras"]:
         listed = ", ".join(f"{index} {name}" for index, name in enumerate(summary["cameras"]))
         table.add_row("", "", escape(f"cameras: {listed}"))

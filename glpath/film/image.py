@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,9 @@ from glpath.system.arguments import checked, short_repr
 from glpath.system.c_output import without_lines
 from glpath.system.files import check_file, reading, whole_file
 from glpath.system.npz import check_unfolded, open_npz, read_npy
+
+if TYPE_CHECKING:
+    from PIL.ImageFile import ImageFile
 
 __all__ = [
     "auto_exposure",
@@ -469,11 +472,8 @@ def read_eight_bits(path: str | Path) -> UInt8 | None:
         return None
     with reading(path, suffix):
         check_file(path)
-        from PIL.JpegImagePlugin import JpegImageFile
-        from PIL.PngImagePlugin import PngImageFile
-
         _check_pillow(path, suffix, _BYTE_PIXEL)
-        with (PngImageFile if suffix == ".png" else JpegImageFile)(path) as opened:
+        with png_or_jpeg(path) as opened:
             if opened.mode.startswith(("I", "F")):
                 return None
             alpha = "A" in opened.getbands() or "transparency" in opened.info
@@ -521,21 +521,28 @@ def picture_size(path: str | Path, display: bool = False) -> PictureSize:
         if suffix == ".hdr":
             with path.open("rb") as file:
                 return PictureSize(*read_header(file).size, 4, 1)
-        return PictureSize(*_pillow_header(path, suffix), 1)
+        return PictureSize(*_pillow_header(path), 1)
 
 
-def _pillow_header(path: Path, suffix: str) -> tuple[int, int, int]:
+def png_or_jpeg(path: Path) -> ImageFile:
+    """Return an open PNG or JPEG file, by its suffix, of which only the header is read.
+
+    `Image.open` is avoided: it rejects images above a limit of its own, without reporting their size.
+    """
     from PIL.JpegImagePlugin import JpegImageFile
     from PIL.PngImagePlugin import PngImageFile
 
-    # Image.open is avoided: it rejects images above a limit of its own, without reporting their size.
-    with (PngImageFile if suffix == ".png" else JpegImageFile)(path) as opened:
+    return (PngImageFile if path.suffix.lower() == ".png" else JpegImageFile)(path)
+
+
+def _pillow_header(path: Path) -> tuple[int, int, int]:
+    with png_or_jpeg(path) as opened:
         return *opened.size, len(opened.getbands())
 
 
 def _check_pillow(path: Path, suffix: str, pixel_bytes: int) -> None:
     """Raise ValueError if the file is too small for its pixels, or if it is a JPEG with too many scans."""
-    width, height, channels = _pillow_header(path, suffix)
+    width, height, channels = _pillow_header(path)
     check_unfolded(width * height * channels, path.stat().st_size, width * height * pixel_bytes)
     if suffix != ".png":
         check_scans(path.read_bytes())

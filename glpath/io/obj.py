@@ -284,6 +284,8 @@ def _counted_from_one(text: str, rows: dict[str, _Rows], location: SourceLocatio
             index = _index(word)
         except ValueError as error:
             raise _no_index(text, location) from error
+        if index == 0 and not indices:
+            raise _no_such(location, kind, word, len(each.texts)) if word else _no_index(text, location)
         if index < 0 and each.texts:
             index += len(each.texts) + 1
             if index < 1:

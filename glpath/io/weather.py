@@ -314,6 +314,8 @@ def _parsed(reader: str, text: str, path: Path, **how: Any) -> tuple[Any, dict[s
             table, site = getattr(pvlib.iotools, reader)(io.StringIO(text), **how)
         for name in ("latitude", "longitude", "TZ", "altitude"):
             site[name] = float(site[name])
+        for name in table.columns[table.columns.duplicated()]:
+            raise SceneError(f"{path}: has two columns of {shown(str(name))}.", "Leave one of them.")
     except GlpathError:
         raise
     # Broken files make pvlib and pandas raise exceptions of any kind.
@@ -338,6 +340,8 @@ def _without_zone(table: Any) -> Times:
 
 def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Weather:
     """Return the checked weather of a table. Raises SceneError and warns as `read_weather` does."""
+    if np.isnat(begin).any():
+        raise SceneError(f"{source}: has no date in line {table['line'].iloc[int(np.argmax(np.isnat(begin)))]}.")
     latitude, longitude, zone = site["latitude"], site["longitude"], site["TZ"]
     for name, value, limit in (("latitude", latitude, 90), ("longitude", longitude, 180), ("time zone", zone, 14)):
         if not abs(value) <= limit:

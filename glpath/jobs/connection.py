@@ -180,6 +180,8 @@ def _distributed() -> Any:
             "cluster: needs the package distributed, which is not installed.",
             "pip install 'glpath[cluster]', on all machines.",
         ) from error
+    except Exception as error:  # Dask reads its configuration when it is imported
+        raise GlpathError(f"cluster: Dask cannot be imported: {reason_of(error)}.") from error
     return distributed
 
 

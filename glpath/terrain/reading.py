@@ -50,6 +50,8 @@ _MAX_STRETCH = 0.05
 _PROJECT = "Project it: gdalwarp -t_srs EPSG:... (UTM: EPSG:326ZZ in the north, 327ZZ in the south)."
 # Maximum size of an ASCII grid whose heights are counted even if they cannot be as many as its header says, bytes.
 _COUNTED_BYTES = 1 << 20
+# Maximum number of images in a TIFF with a mask: the field, its mask and overviews.
+_MAX_DIRECTORIES = 64
 
 # Memory in bytes of a sample while a height field is checked, and of a point of a point cloud while it is read.
 _DECODED_SAMPLE, _DECODED_POINT = 12, 48
@@ -345,9 +347,26 @@ def _opened_tiff(path: Path, rasterio: Any) -> Iterator[Any]:
                 (rows, columns), width = raster.block_shapes[0], np.dtype(raster.dtypes[0]).itemsize
                 samples = raster.width * raster.height * raster.count
                 check_unfolded(max(4 * samples, width * rows * columns), path.stat().st_size)
+                if rasterio.enums.MaskFlags.per_dataset in raster.mask_flag_enums[0]:
+                    _check_directories(path, rasterio)
                 yield raster
     except (rasterio.errors.RasterioError, ValueError) as error:
         raise SceneError(f"{path}: cannot be read as a TIFF: {reason_of(error)}.") from error
+
+
+def _check_directories(path: Path, rasterio: Any) -> None:
+    """Raise ValueError if a block of another image in a TIFF, such as its mask, takes too much memory."""
+    for number in range(1, _MAX_DIRECTORIES):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                opened = rasterio.open(f"GTIFF_DIR:{number}:{absolute_path(path)}", driver="GTiff")
+        except rasterio.errors.RasterioIOError:
+            return  # there is no further image
+        with opened as raster:
+            rows, columns = raster.block_shapes[0]
+            check_unfolded(rows * columns * np.dtype(raster.dtypes[0]).itemsize, path.stat().st_size)
+    raise ValueError(f"it has {_MAX_DIRECTORIES:,} images or more")
 
 
 def _transform(path: Path, raster: Any) -> Any:

@@ -234,6 +234,9 @@ def test_an_obj_that_numbers_texture_coordinates_it_has_not_is_read_without(tmp_
     [
         ("f \\\n1/1 \\\n2/9 3/1", "line 8 names texture coordinate 9, but the file has 3"),
         ("f 1/1 2/2 -5/1", "line 8 names vertex -5, but the file has 4 vertices (1 to 4)"),
+        ("f 0 -1 -2", "line 8 names vertex 0, but the file has 4 vertices (1 to 4)"),
+        ("l 0 1", "line 8 names vertex 0, but the file has 4 vertices (1 to 4)"),
+        ("f / -1 -2", 'line 8 has the corner "/", but indices are whole numbers'),
     ],
 )
 def test_an_index_that_names_nothing_is_an_error_with_its_line(tmp_path: Path, face: str, message: str) -> None:

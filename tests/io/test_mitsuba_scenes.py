@@ -819,10 +819,13 @@ def test_a_mirrored_camera_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_command_takes_a_file_of_mitsuba_with_its_parameters(tmp_path: Path) -> None:
-    path = file(tmp_path, '<default name="width" value="20"/>', CAMERA.replace('"32"', '"$width"'), LAMP, FLOOR)
+    # The second name is markup of the library that draws tables.
+    defaults = '<default name="width" value="20"/><default name="[/a]" value="1"/>'
+    path = file(tmp_path, defaults, CAMERA.replace('"32"', '"$width"'), LAMP, FLOOR)
     done = run("info", path, "-D", "width=12")
     assert done.exit_code == 0, done.output
     assert "12 x 24" in done.output
+    assert "[/a]" in done.output
 
 
 # Spectra

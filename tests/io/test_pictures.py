@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import struct
 import time
 import tracemalloc
 import warnings
+import zlib
 from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
@@ -424,3 +426,45 @@ def test_a_search_for_files_ends_at_the_time_limit(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr("glpath.system.time_limit.GRACE", 0.0)
     with pytest.raises(TimeLimitError), limited(1e-9), named_work("reading a model"):
         NamedFiles().find(tmp_path, "a.png")
+
+
+def tiled_tiff(side: int, tile: int) -> bytes:
+    """TIFF of (side, side) RGB pixels in one compressed tile, almost all of which is missing."""
+    data = zlib.compress(bytes(3 * tile * min(tile, 64)))
+    tags = [(256, side), (257, side), (258, 0), (259, 8), (262, 2), (277, 3), (284, 1), (322, tile), (323, tile)]
+    start = 10 + 12 * (len(tags) + 2) + 4
+    tags = [*tags, (324, start + 8), (325, len(data))]
+    entries = [struct.pack("<HHLL", tag, 4, 1, value) for tag, value in tags]
+    entries[2] = struct.pack("<HHLL", 258, 3, 3, start)
+    head = b"II*\0" + struct.pack("<LH", 8, len(tags)) + b"".join(entries) + struct.pack("<L", 0)
+    return head + struct.pack("<4H", 8, 8, 8, 0) + data
+
+
+def run_length_bmp(width: int, height: int) -> bytes:
+    """BMP whose rows are a pixel and the end of the line."""
+    rows = b"\1\1\0\0" * height + b"\0\1"
+    head = struct.pack("<IiiHHIIiiII", 40, width, height, 1, 8, 1, len(rows), 0, 0, 256, 256)
+    start = 14 + len(head) + 1024
+    return b"BM" + struct.pack("<IHHI", start + len(rows), 0, 0, start) + head + bytes(1024) + rows
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "shape", "words"),
+    [
+        ("a.tif", tiled_tiff(64, 64), (64, 64, 3), ""),
+        ("a.tif", tiled_tiff(16, 16384), None, "tiles of 16,384 x 16,384 pixels are larger than"),
+        ("a.bmp", run_length_bmp(64, 32), (32, 64, 3), ""),
+        ("a.bmp", run_length_bmp(4096, 2048), None, "a BMP of run lengths with 8,388,608 pixels"),
+    ],
+)
+def test_a_picture_that_is_small_but_slow_to_decode_is_not_read(
+    name: str, data: bytes, shape: tuple[int, ...] | None, words: str, tmp_path: Path
+) -> None:
+    """Pillow allocates a tile of a TIFF as a whole, and decodes run lengths in Python."""
+    (tmp_path / name).write_bytes(data)
+    pictures = Pictures(tmp_path, NamedFiles())
+    if shape is not None:
+        assert pictures.read(name).shape == shape
+        return
+    with pytest.raises(UnusableError, match=words):
+        pictures.read(name)

@@ -361,3 +361,21 @@ def test_an_error_names_the_line_of_the_file(epw: Path, tmp_path: Path, blanks: 
     path.write_text("\n".join(lines))
     with pytest.raises(SceneError, match="-300 W/m2 of dni in line 6001,"):
         read_weather(path)
+
+
+@pytest.mark.parametrize(
+    ("replaced", "by", "message"),
+    [
+        ("Dew-point (C)", "dni", 'has two columns of "dni"'),
+        ("01/01/1988,03:00", ",03:00", "has no date in line 5"),
+    ],
+)
+def test_a_damaged_tmy3_file_is_refused_with_its_line(replaced: str, by: str, message: str, tmp_path: Path) -> None:
+    text = (Path(pvlib.__file__).parent / "data" / "703165TY.csv").read_text()
+    lines = text.splitlines()[:30]
+    first = lines[2].split(",")[0]
+    damaged = "\n".join(lines).replace(replaced.replace("01/01/1988", first), by)
+    assert damaged != "\n".join(lines)
+    (tmp_path / "w.csv").write_text(damaged)
+    with pytest.raises(SceneError, match=message):
+        read_weather(tmp_path / "w.csv")

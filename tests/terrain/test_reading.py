@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import threading
+import zlib
 from contextlib import nullcontext
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -519,3 +520,32 @@ def test_origin_and_spacing_may_be_arrays(tmp_path: Path) -> None:
 def test_origin_that_is_not_two_numbers_is_refused(origin: Any) -> None:
     with pytest.raises(glpath.GlpathError, match="origin"):
         load_height_field(np.eye(5), origin=origin)
+
+
+def masked_tiff(side: int) -> bytes:
+    """TIFF of 16 x 16 heights, with a mask of 16 x 16 bits in one compressed tile of (side, side)."""
+
+    def image(start: int, bits: int, tile: int, data: bytes, is_mask: bool) -> bytes:
+        tags = [(254, 4 * is_mask), (256, 16), (257, 16), (258, bits), (259, 8), (262, 4 if is_mask else 1)]
+        tags += [(277, 1), (284, 1), (322, tile), (323, tile), (324, 0), (325, len(data))]
+        end = start + 2 + 12 * (len(tags) + 2 * (not is_mask)) + 4
+        entries = [struct.pack("<HHLL", tag, 4, 1, value) for tag, value in tags]
+        place = b"" if is_mask else struct.pack("<9d", 1, 1, 0, 0, 0, 0, 100, 100, 0)
+        entries[10] = struct.pack("<HHLL", 324, 4, 1, end + len(place))
+        if place:
+            entries += [struct.pack("<HHLL", 33550, 12, 3, end), struct.pack("<HHLL", 33922, 12, 6, end + 24)]
+        following = 0 if is_mask else end + len(place) + len(data)
+        return struct.pack("<H", len(entries)) + b"".join(entries) + struct.pack("<L", following) + place + data
+
+    heights = image(8, 8, 16, zlib.compress(bytes(range(256))), False)
+    mask = image(8 + len(heights), 1, side, zlib.compress(b"\xff" * (side * side // 8)), True)
+    return b"II*\0" + struct.pack("<L", 8) + heights + mask
+
+
+def test_a_mask_whose_tile_unfolds_to_a_gigabyte_is_not_read(tmp_path: Path) -> None:
+    pytest.importorskip("rasterio")
+    (tmp_path / "a.tif").write_bytes(masked_tiff(16))
+    assert np.sort(load_height_field(tmp_path / "a.tif").heights, axis=None).tolist() == list(range(256))
+    (tmp_path / "b.tif").write_bytes(masked_tiff(32768))
+    with pytest.raises(glpath.SceneError, match=r"bytes in it unfold to 1\.07 GB"):
+        load_height_field(tmp_path / "b.tif")

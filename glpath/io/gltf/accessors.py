@@ -178,6 +178,8 @@ class Accessors:
             raise view.location.field("byteStride").error(
                 f"is {stride}, but an element of {table.location.path} has {size} bytes.", "Export the file anew."
             )
+        if count == 0:
+            return np.zeros((0, rows * columns), kind)
         end = offset + stride * (count - 1) + size
         if end > len(data):
             raise table.location.field("count").error(

@@ -11,13 +11,14 @@ from __future__ import annotations
 import importlib
 import io
 import struct
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import TimeLimitError
+from glpath.errors import GlpathError
 from glpath.io.gltf.table import Table
 from glpath.scene.source_location import SourceLocation
 from glpath.system.time_limit import check_time
@@ -60,8 +61,11 @@ def draco(data: memoryview, location: SourceLocation) -> tuple[NDArray[np.int64]
         raise _broken(location, error) from error
 
 
-def draco_counts(data: memoryview, location: SourceLocation) -> tuple[int, int, int]:
-    """Return the maximum numbers of faces, points and vectors of a point of a Draco mesh, before it is decoded."""
+def draco_counts(data: memoryview, location: SourceLocation, on_search: Callable[[], None]) -> tuple[int, int, int]:
+    """Return the maximum numbers of faces, points and vectors of a point of a Draco mesh, before it is decoded.
+
+    on_search : called before each position is searched for a list of attributes; it may raise an error
+    """
     stream = io.BytesIO(data)
     try:
         head = stream.read(9)
@@ -80,14 +84,14 @@ def draco_counts(data: memoryview, location: SourceLocation) -> tuple[int, int, 
         def count() -> int:
             return _draco_varint(stream) if is_variable else int.from_bytes(stream.read(4), "little")
 
-        vectors = _draco_vectors(data, 0 if is_sequential else 3)
+        vectors = _draco_vectors(data, 0 if is_sequential else 3, on_search)
         if is_sequential:
             return count(), count(), vectors
         stream.read(1)  # the order of traversal
         if version < (2, 2):
             count()  # vertices that the encoder has split
         vertices, faces = count(), count()
-    except TimeLimitError:
+    except GlpathError:
         raise
     except Exception as error:  # a header that is cut off gives an IndexError, deep metadata a RecursionError
         raise _broken(location, error) from error
@@ -95,7 +99,7 @@ def draco_counts(data: memoryview, location: SourceLocation) -> tuple[int, int, 
     return faces, max(vertices, 3 * faces), vectors
 
 
-def _draco_vectors(data: memoryview, decoder_bytes: int) -> int:
+def _draco_vectors(data: memoryview, decoder_bytes: int, on_search: Callable[[], None]) -> int:
     """Return the maximum number of vectors of up to four numbers that a point of a Draco mesh has.
 
     The lists of attributes follow faces of unknown size, so the longest lists of any position are taken. They are
@@ -105,6 +109,7 @@ def _draco_vectors(data: memoryview, decoder_bytes: int) -> int:
 
     @cache
     def list_at(start: int) -> tuple[int, int] | None:
+        on_search()
         stream.seek(start)
         try:
             return _draco_list(stream), stream.tell()

@@ -734,9 +734,13 @@ def _are_solid(meshes: Sequence[Mesh]) -> bool:
 def _stretch(linear: Float64) -> tuple[Float64, Float64]:
     """Return (N,) determinants of linear maps (N, 3, 3), and (N,) sizes to compare them with.
 
+    Both are of the maps divided by their largest entries, so that tiny maps do not underflow.
+
     A size is the product of the Frobenius norms of the map and of its cofactor matrix. The ratio of determinant to
     size is 1/3 for a uniform scale, and near 0 for a map that flattens.
     """
+    largest = np.abs(linear).max(axis=(1, 2), keepdims=True)
+    linear = linear / np.where(largest > 0, largest, 1.0)
     x, y, z = (linear[:, row] for row in range(3))
     cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
     determinant = np.sum(x * cofactors[:, 0], axis=1)

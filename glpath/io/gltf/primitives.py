@@ -48,6 +48,9 @@ _DRACO_WIDTHS = _WIDTHS | {f"{name}_{i}": (4,) for name in ("JOINTS", "WEIGHTS")
 _TOGETHER = 1 << 16
 # Bytes of memory in which Draco data are decoded, with copies: of a face, and of a vector of a point.
 _DRACO_FACE, _DRACO_VECTOR = 72, 48
+# Maximum number of positions in the Draco data of a file that are searched for lists of attributes, which takes
+# about 3 s. Of compressed data, about one position in 600 is searched.
+_MAX_DRACO_SEARCHES = 500_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,8 @@ class Primitives:
     _made: dict[tuple[object, ...], Mesh | None] = field(default_factory=dict)
     _texts: dict[int, str] = field(default_factory=dict)
     _stroke_triangles: int = 0
+    _draco_made: dict[int, tuple[NDArray[np.int64], dict[int, NDArray[Any]]]] = field(default_factory=dict)
+    _draco_searches: int = 0
 
     def mesh(self, primitive: Table, morph: Float64, uv_sets: frozenset[int]) -> Mesh | None:
         """Return a primitive as a morphed mesh; None if no triangle has an area.
@@ -179,14 +184,10 @@ class Primitives:
         if position is not None and "bufferView" in every[position]:
             return None
         view = extension.required_index("bufferView", document.all("bufferViews"), "buffer views")
-        data, ids = document.view(view), extension.table("attributes")
+        if view not in self._draco_made:
+            self._draco_made[view] = self._decoded(document.view(view), extension.location)
+        (faces, by_id), ids = self._draco_made[view], extension.table("attributes")
         found: dict[str, NDArray[Any]] = {}
-        max_faces, max_points, max_vectors = compression.draco_counts(data, extension.location)
-        max_bytes = _DRACO_FACE * max_faces + _DRACO_VECTOR * max_vectors * max_points
-        document.take(max_bytes, extension.location)
-        faces, by_id = compression.draco(data, extension.location)
-        # The header gives upper bounds, so count the actual sizes instead.
-        document.take(24 * faces.size + sum(8 * a.size for a in by_id.values()) - max_bytes, extension.location)
         for name, widths in _DRACO_WIDTHS.items():
             number = ids.integer(name)
             if number is None:
@@ -209,6 +210,28 @@ class Primitives:
                 raise location.error(f"has Draco data with the joint {values.min():g}, but the first is 0.")
             found[name] = values.astype(np.int64) if name.startswith("JOINTS_") else values
         return {**found, "faces": faces}
+
+    def _decoded(
+        self, data: memoryview, location: SourceLocation
+    ) -> tuple[NDArray[np.int64], dict[int, NDArray[Any]]]:
+        """Return the indices (F, 3) of Draco data, and its attributes (V, k) by their unique ids."""
+        document = self.accessors.document
+
+        def count_search() -> None:
+            self._draco_searches += 1
+            if self._draco_searches > _MAX_DRACO_SEARCHES:
+                raise location.error(
+                    "has data of Draco that look like lists of attributes nearly everywhere.",
+                    "Write the file anew, without compression.",
+                )
+
+        max_faces, max_points, max_vectors = compression.draco_counts(data, location, count_search)
+        max_bytes = _DRACO_FACE * max_faces + _DRACO_VECTOR * max_vectors * max_points
+        document.take(max_bytes, location)
+        faces, by_id = compression.draco(data, location)
+        # The header gives upper bounds, so count the actual sizes instead.
+        document.take(24 * faces.size + sum(8 * a.size for a in by_id.values()) - max_bytes, location)
+        return faces, by_id
 
     def _faces(self, primitive: Table, mode: str, count: int) -> NDArray[np.int64]:
         """Return vertex indices: (F, 3) for triangles, (F, 2) for lines, (F, 1) for points."""

@@ -368,6 +368,8 @@ class ViewFactors:
 
     def __repr__(self) -> str:
         what = "groups" if self.names else "faces"
+        if not len(self):
+            return f"<ViewFactors of no {what}>"
         return (
             f"<ViewFactors of {len(self):,} {what}: {self.matrix.nnz:,} factors, rows to {self.error.max():.1g}, "
             f"sky {self.sky.min():.3g} to {self.sky.max():.3g}"

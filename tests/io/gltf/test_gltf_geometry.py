@@ -292,6 +292,13 @@ def test_fronts_of_a_flattened_sheet_are_those_of_its_triangles(tmp_path: Path) 
     np.testing.assert_array_equal(Shapes(read(file, tmp_path).shapes).triangles, [TRIANGLE])
 
 
+@pytest.mark.parametrize("scale", [[1e-120] * 3, [1e-120, 1e-120, 0]])
+def test_scales_whose_determinant_underflows_are_those_of_a_small_mesh(scale: list[float], tmp_path: Path) -> None:
+    file = Gltf()
+    file.node(mesh=file.mesh(), scale=scale)
+    np.testing.assert_allclose(Shapes(read(file, tmp_path).shapes).triangles, [1e-120 * np.array(TRIANGLE)])
+
+
 @pytest.mark.parametrize("scale", [[0, 0, 2], [1, 0, 0], [0, 0, 0]])
 def test_two_or_three_zero_axes_leave_nothing_and_say_so(scale: list[float], tmp_path: Path) -> None:
     file = Gltf()
@@ -441,6 +448,17 @@ def test_a_track_without_keys_moves_nothing(tmp_path: Path) -> None:
     for accessor in file.json["accessors"][-2:]:
         accessor["count"] = 0
     np.testing.assert_array_equal(read(file, tmp_path, time=1.0).shapes[0].world_from_object[0], np.eye(3, 4))
+
+
+def test_no_elements_beyond_the_end_of_a_view_are_none(tmp_path: Path) -> None:
+    file = Gltf()
+    number = file.mesh()
+    empty = file.json["accessors"][file.accessor(TRIANGLE)]
+    empty |= {"count": 0, "byteOffset": 40}
+    file.json["bufferViews"][empty["bufferView"]]["byteStride"] = 32
+    file.json["meshes"][number]["primitives"].append({"attributes": {"POSITION": len(file.json["accessors"]) - 1}})
+    file.node(mesh=number)
+    np.testing.assert_array_equal(Shapes(read(file, tmp_path).shapes).triangles, [TRIANGLE])
 
 
 @pytest.mark.parametrize("mode", range(7))
@@ -636,7 +654,7 @@ def test_whole_numbers_in_draco_data_are_shares_if_the_accessor_says_so(
     uv = np.array([[255, 0], [0, 0], [0, 0]], np.uint8)
     decoded = np.array([[0, 1, 2]]), {0: np.array(TRIANGLE, np.float32), 1: uv}
     monkeypatch.setattr("glpath.io.gltf.compression.draco", lambda data, location: decoded)
-    monkeypatch.setattr("glpath.io.gltf.compression.draco_counts", lambda data, location: (1, 3, 6))
+    monkeypatch.setattr("glpath.io.gltf.compression.draco_counts", lambda *_: (1, 3, 6))
     file = draco_file({"POSITION": 0, "TEXCOORD_0": 1}, b"\0", TEXCOORD_0=1)
     file.add("accessors", componentType=5121, count=3, type="VEC2", normalized=normalized)
     file.node(mesh=0)

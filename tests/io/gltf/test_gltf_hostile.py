@@ -640,10 +640,10 @@ def test_draco_headers_give_the_most_faces_and_points(in_order: bool) -> None:
     faces = np.stack([i[:-2], i[1:-1], i[2:]], axis=1)
     points = np.stack([i, i % 2, 0 * i], axis=1).astype(np.float32)
     data = draco.encode(points, faces, preserve_order=in_order)
-    found = draco_counts(memoryview(data), SourceLocation("a.glb"))
+    found = draco_counts(memoryview(data), SourceLocation("a.glb"), lambda: None)
     assert found == ((298, 300, 1) if in_order else (298, 894, 1))
     with pytest.raises(SceneError, match="cannot be decompressed"):
-        draco_counts(memoryview(data)[:11], SourceLocation("a.glb"))
+        draco_counts(memoryview(data)[:11], SourceLocation("a.glb"), lambda: None)
 
 
 @pytest.mark.parametrize("in_order", [True, False])
@@ -660,7 +660,7 @@ def test_all_attributes_of_draco_data_are_counted_before_they_are_decoded(
         preserve_order=in_order,
         generic_attributes=more,
     )
-    faces, points, vectors = draco_counts(memoryview(data), SourceLocation("a.glb"))
+    faces, points, vectors = draco_counts(memoryview(data), SourceLocation("a.glb"), lambda: None)
     widths = [np.shape(a["data"])[1] for a in draco.decode(data).attributes]
     assert vectors == sum(-(-width // 4) for width in widths) == 63
     file = plain()
@@ -677,7 +677,7 @@ def test_all_attributes_of_draco_data_are_counted_before_they_are_decoded(
 def test_a_list_of_very_many_draco_attributes_is_refused() -> None:
     content = draco_header(b"\0", b"\1\3") + b"\1\x41" + b"\4\5\4\0\1" * 65 + bytes(65)
     with pytest.raises(SceneError, match="a list of 65 attributes; at most 64 are read"):
-        draco_counts(memoryview(content), SourceLocation("a.glb"))
+        draco_counts(memoryview(content), SourceLocation("a.glb"), lambda: None)
 
 
 def test_meshopt_data_are_decoded_without_a_copy() -> None:
@@ -823,3 +823,20 @@ def test_any_bytes_are_read_or_refused(changes: list[tuple[int, int]], end: int,
     path = tmp_path / "model.glb"
     path.write_bytes(content[:end] if cut else content)
     read_or_refused(path)
+
+
+def test_draco_data_are_searched_once_and_not_endlessly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The decoder ignores bytes after the mesh, each of which may look like a list of attributes."""
+    draco = pytest.importorskip("DracoPy", reason="needs the extra gltf")
+    data = draco.encode(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]])) + bytes(20) + b"\3" * 2000
+    file = plain()
+    primitives = file.json["meshes"][0]["primitives"]
+    extension = {"bufferView": file.view(data), "attributes": {"POSITION": 0}}
+    primitives[0]["extensions"] = {"KHR_draco_mesh_compression": extension}
+    del file.json["accessors"][primitives[0]["attributes"]["POSITION"]]["bufferView"]
+    primitives += [{**primitives[0], "x": i} for i in range(20)]
+    path = file.write(tmp_path)
+    monkeypatch.setattr("glpath.io.gltf.primitives._MAX_DRACO_SEARCHES", 4000)
+    assert sum(shape.count for shape in read_gltf(path).shapes) == 21
+    monkeypatch.setattr("glpath.io.gltf.primitives._MAX_DRACO_SEARCHES", 1000)
+    assert "look like lists of attributes" in str(refused(path))
