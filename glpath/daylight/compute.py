@@ -139,7 +139,8 @@ def daylight_coefficients(
                   bias with 2,000 is too large
     gather_rays : number of rays per sensor for reflected light
     geometry_budget : memory budget for streamed triangles, on the device and on the host, MiB
-    up, north   : (3,); default: the scene's up, and north that of its sky, otherwise y if z is up, -z if y is up
+    up, north   : (3,); default: the scene's up, and north that of its sky if that has the same up, otherwise y if
+                  z is up, -z if y is up
     seed        : seed of the directions in the patches and of all other random numbers
     shard       : (k, n), the k-th of n shards from 1: a range of the sensors. `glpath.daylight.merging` merges all
                   shards into a result that is bit-identical to one computation
