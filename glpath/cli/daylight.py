@@ -277,14 +277,20 @@ def daylight(
         try:
             return _computed(loaded, at, options, checkpoints[-1] if checkpoints else None, run)
         except KeyboardInterrupt as stop:
-            for each in checkpoints:
-                if each.failure is not None:
-                    raise ImageError(each.failure, each.rescue) from stop
+            failed = next((each for each in reversed(checkpoints) if each.failure is not None), None)
             parts = " and ".join(str(each.path) for each in checkpoints if os.path.exists(each.path))
-            kept = "nothing was done yet" if run.resume else "nothing is kept; --resume keeps what is done"
-            say(f"glpath: interrupted: {f'what is done is in {parts}' if parts else kept}", err=True)
+            if parts:
+                kept = f"what {'is done' if failed is None else 'could be written'} is in {parts}"
+            elif failed is not None:
+                kept = "no checkpoint could be written"
+            else:
+                kept = "nothing was done yet" if run.resume else "nothing is kept; --resume keeps what is done"
+            say(f"glpath: interrupted: {kept}", err=True)
             if run.resume:
                 say(f"  to resume: {typed_command(context)}", err=True)
+            if failed is not None:
+                assert failed.failure is not None, "checked above"
+                raise ImageError(failed.failure, failed.rescue) from stop
             raise typer.Exit(exit_code()) from stop
 
     def coefficients_of(which: str, beside: Path) -> DaylightCoefficients:

@@ -28,7 +28,8 @@ class Compass:
 
         up    : (3,); None: the sky's up direction, rounded to the nearest axis. The camera's up direction replaces
                 it if the scene has no sky, or a sky that was added for lack of lights
-        north : (3,), of which only the horizontal part is used; None: the sky's, otherwise that of `NORTH`
+        north : (3,), of which only the horizontal part is used; None: the sky's if the sky's up direction is less
+                than 60 degrees from `up`, otherwise that of `NORTH`
 
         Raises UsageError for invalid vectors, and for a north that is vertical.
         """
@@ -40,7 +41,10 @@ class Compass:
             upward[axis] = np.sign(given[axis])
         else:
             upward = _unit("up", up)
-        given_north = getattr(scene.sky, "north", None) if north is None else north
+        given_north = north
+        # An axis is at most 54.7 degrees from the vectors that are nearest to it, so None as `up` agrees.
+        if north is None and scene.sky is not None and 2 * (upward @ _unit("up", scene.sky.up)) > 1:
+            given_north = getattr(scene.sky, "north", None)
         if given_north is None:
             given_north = NORTH[int(np.argmax(np.abs(upward)))]
         level = _unit("north", given_north)

@@ -139,7 +139,8 @@ def daylight_coefficients(
                   bias with 2,000 is too large
     gather_rays : number of rays per sensor for reflected light
     geometry_budget : memory budget for streamed triangles, on the device and on the host, MiB
-    up, north   : (3,); default: the scene's up, and north that of its sky, otherwise y if z is up, -z if y is up
+    up, north   : (3,); default: the scene's up, and north that of its sky if that has the same up, otherwise y if
+                  z is up, -z if y is up
     seed        : seed of the directions in the patches and of all other random numbers
     shard       : (k, n), the k-th of n shards from 1: a range of the sensors. `glpath.daylight.merging` merges all
                   shards into a result that is bit-identical to one computation
@@ -261,6 +262,8 @@ def daylight_coefficients(
             held.enter_context(checkpoint)
             kept = KeptPass.of(checkpoint.path) if loaded.shapes.streams else KeptWords(checkpoint.path)
             held.callback(checkpoint.take_failure, kept)
+            if isinstance(kept, KeptWords):
+                held.push(kept.keep_rest)
         context = open_context(backend, device, require_gpu)
         held.enter_context(context.rendering())
         held.enter_context(context)
@@ -432,10 +435,12 @@ def _words(
             if shares is not None and seen.share is not None:
                 shares[done] = seen.share
             done += 1
+            # A signal that comes after this line ends the computation after the next word.
+            stops = bool(flag)
             if kept is not None:
-                kept.keep(done, found, shares, last=bool(flag))
+                kept.keep(done, found, shares, last=stops)
             report(min(WORD * done, len(directions)))
-            if flag:
+            if stops:
                 raise KeyboardInterrupt
     return found, shares
 
@@ -463,10 +468,11 @@ def _words_of_pass(
         found = resident if found is None else found
     with interrupt_as_flag() as flag:
         for seen in rays.pass_over(directions, found, done):
-            if kept is not None and (flag or kept.due(seen)):
-                kept.keep(seen, found, last=bool(flag))
+            stops = bool(flag)
+            if kept is not None and (stops or kept.due(seen)):
+                kept.keep(seen, found, last=stops)
             report(seen)
-            if flag:
+            if stops:
                 raise KeyboardInterrupt
     if shares is not None:
         for share, word in zip(shares, found, strict=True):

@@ -73,6 +73,7 @@ class KeptWords(CheckpointFile):
         shares : (W, 32, N) transmittances; None if nothing transmits
         last   : as in `written_by`
         """
+        self._latest = done, words, shares
 
         def write(file: BinaryIO, first: int) -> None:
             for k in range(first, done):
@@ -101,6 +102,14 @@ class KeptWords(CheckpointFile):
 
         if self.written_by(save, done, last):
             self._records = done
+
+    def keep_rest(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Write the words of the most recent `keep` with last=True if it failed and an exception ends the work.
+
+        Parameters are those of `__exit__`, for `ExitStack.push`.
+        """
+        if kind is not None and self.failure is not None and not self.rescue:
+            self.keep(*self._latest, last=True)
 
 
 class KeptPass(CheckpointFile):

@@ -371,8 +371,11 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
         )
     dew = _column(table, "temp_dew", source) if "temp_dew" in table else np.full(len(times), np.nan)
     dew = np.where(np.abs(dew) < 90, dew, np.nan)
-    first, last = _day_of_year(begin[[0, -1]]).tolist()
-    hours = _with_missing_hours(times, [*site.get("periods", [_WHOLE_YEAR]), (first, last)])
+    periods = site.get("periods", [_WHOLE_YEAR])
+    if len(periods) == 1:  # a gap between the first and the last row is missing; one between two periods is not
+        first, last = _day_of_year(begin[[0, -1]]).tolist()
+        periods = [*periods, (first, last)]
+    hours = _with_missing_hours(times, periods)
     values = np.full((4, len(hours)), np.nan)
     rows = np.searchsorted(hours, times)
     values[:, rows] = *(_irradiance(table, name, source) for name in ("dni", "dhi", "ghi")), dew
@@ -423,9 +426,10 @@ def _day_of_year(times: Times) -> NDArray[np.int64]:
 
 
 def _with_missing_hours(times: Times, periods: list[tuple[int, int]]) -> Times:
-    """Return `times`, which are of one year, and all other hours of the periods, ascending.
+    """Return `times`, which are of one year, and all hours of the periods in which no time lies, ascending.
 
-    29 February is left out if it has no hour in `times`, because typical years have no such day.
+    Times need not be full hours. 29 February is left out if it has no hour in `times`, because typical years have
+    no such day.
 
     periods : first and last day of each, 100 * month + day; the first may be later, for a period over New Year
     """
@@ -437,7 +441,7 @@ def _with_missing_hours(times: Times, periods: list[tuple[int, int]]) -> Times:
         expected |= (day >= first) & (day <= last) if first <= last else (day >= first) | (day <= last)
     if _LEAP_DAY not in _day_of_year(times):
         expected &= day != _LEAP_DAY
-    return np.union1d(times, hours[expected])
+    return np.union1d(times, np.setdiff1d(hours[expected], times.astype("datetime64[h]")))
 
 
 def _irradiance(table: Any, name: str, source: str) -> Float64:

@@ -204,14 +204,16 @@ def _ascii_grid(path: Path, holes: bool) -> HeightField:
     heights = values.reshape(rows, columns)
     north = south + (rows - 1) * apart[1]
     field = HeightField.of(heights, apart, (west, north), mask=heights != no_data, holes=holes, source=str(path))
-    beside = _file_beside(path, (".prj",))
-    if beside is None:
-        _warn_of_degrees(field)
-        return field
-    _check_beside(beside, path)
-    with _readable(beside):
-        if _IN_DEGREES.search(read_bytes(beside, _MAX_BESIDE_BYTES)):
-            raise _degrees(path)
+    in_degrees = False
+    if (beside := _file_beside(path, (".prj",))) is not None:
+        # A file that cannot be read counts as absent, and so does a link that leads out of the folder.
+        with suppress(OSError, SceneError):
+            _check_beside(beside, path)
+            projection = read_bytes(beside, _MAX_BESIDE_BYTES).removeprefix(codecs.BOM_UTF8)
+            in_degrees = _IN_DEGREES.search(projection) is not None
+    if in_degrees:
+        raise _degrees(path)
+    _warn_of_degrees(field)
     return field
 
 
@@ -223,7 +225,7 @@ def _degrees(path: Path) -> SceneError:
 
 
 def _warn_of_degrees(field: HeightField) -> None:
-    """Warn if x and y of a field without a coordinate system look like longitudes and latitudes.
+    """Warn if x and y of a field without a known coordinate system look like longitudes and latitudes.
 
     Their samples are close, and heights in metres then differ by more than the width of the field in degrees.
     """
@@ -232,7 +234,7 @@ def _warn_of_degrees(field: HeightField) -> None:
         return
     if np.nanmax(field.heights) - np.nanmin(field.heights) > max(np.ptp(x), np.ptp(y)):
         warn(
-            f"{field.source}: names no coordinate system, and its x and y may be degrees: samples are "
+            f"{field.source}: its x and y may be degrees of longitude and latitude: samples are "
             f"{field.spacing[0]:.3g} apart. They are taken to be in the unit of the heights."
         )
 

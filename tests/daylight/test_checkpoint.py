@@ -6,6 +6,7 @@ import os
 import signal
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from glpath.daylight import kept_words
 from glpath.daylight.checkpoint import DaylightCheckpoint
 from glpath.daylight.coefficients import DaylightCoefficients
-from glpath.daylight.compute import daylight_coefficients
+from glpath.daylight.compute import _words_of_pass, daylight_coefficients
 from glpath.daylight.kept_shards import KeptShards
 from glpath.daylight.kept_words import KeptPass, KeptWords
 from glpath.errors import GlpathError, ImageError
@@ -278,6 +279,76 @@ def test_words_that_a_full_disk_refuses_are_rescued_at_a_signal(
     assert f"No space left on device. What is done is kept in {rescued}" in caplog.text
     again = KeptWords(rescued).read("0" * 64, 2, False)
     assert np.array_equal([seen.word for seen in again], words[:2])
+
+
+def test_words_that_a_full_disk_refused_are_rescued_at_a_signal_during_reflected_light(
+    tmp_path: Path, sensors: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file in the temporary folder resumes to the words of a computation without a full disk."""
+
+    def full(path: Path) -> Any:
+        if path == part:
+            raise ImageError(f"{path}: cannot be written: No space left on device.")
+        return whole_file(path)
+
+    def struck(*given: Any) -> Any:
+        signal.raise_signal(signal.SIGINT)
+
+    part, whole_file = tmp_path / "y.npz.part", kept_words.whole_file
+    options = ("-o", tmp_path / "y.npz", "--points", sensors, "--samples", 2, "--resume")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with monkeypatch.context() as patch:
+        patch.setattr(kept_words, "whole_file", full)
+        patch.setattr("glpath.daylight.compute._reflecting", struck)
+        done = run("daylight", "cornell-box-36", *options)
+    assert done.exit_code == 1, done.stderr
+    assert not part.exists()
+    (rescued,) = tmp_path.glob("glpath-*/y.npz.part")
+    assert "glpath: interrupted: no checkpoint could be written\n  to resume: glpath daylight " in done.stderr
+    assert f"No space left on device.\n  What is done is kept in {rescued}; move it" in done.stderr
+    key = rescued.read_bytes().split(b"\n")[0].decode().split()[-1]
+    words = [seen.word for seen in KeptWords(rescued).read(key, 1, False)]
+    assert np.array_equal(words, daylight_coefficients("cornell-box-36", AT[:1], UP, **QUICK).words)
+
+
+def test_failed_checkpoint_of_the_first_scene_does_not_hide_that_of_the_second(
+    tmp_path: Path, sensors: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def computed(scene: object, at: object, options: object, checkpoint: DaylightCheckpoint, run: object) -> object:
+        if checkpoint.path.name == "y.npz.part":
+            checkpoint.failure = "F: cannot be written: the disk is full."
+        else:
+            checkpoint.path.touch()
+            signal.raise_signal(signal.SIGINT)
+        return coefficients()
+
+    monkeypatch.setattr("glpath.cli.daylight._computed", computed)
+    monkeypatch.setattr("glpath.cli.daylight.year_request", MagicMock())
+    options = ("-o", tmp_path / "y.npz", "--points", sensors, "--weather", "a.epw", "--blinds", "cornell-box-36")
+    done = run("daylight", "cornell-box-36", *options, "--resume")
+    assert done.exit_code == 1, done.stderr
+    kept, resume, error = done.stderr.splitlines()[-3:]
+    assert kept == f"glpath: interrupted: what could be written is in {tmp_path / 'y.blinds.npz.part'}"
+    assert resume.startswith("  to resume: glpath daylight ")
+    assert error == "glpath: error: F: cannot be written: the disk is full."
+
+
+def test_chunks_before_a_signal_are_kept_whenever_it_comes(tmp_path: Path) -> None:
+    """It comes while the first of three chunks is reported, and no checkpoint is due."""
+
+    def report(done: int) -> None:
+        reported.append(done)
+        if len(reported) == 1:
+            signal.raise_signal(signal.SIGINT)
+
+    reported: list[int] = []
+    rays: Any = MagicMock(transmits=False, count=2, chunks=3)
+    rays.see_out_of_resident.return_value = np.zeros((1, 2), np.uint32), None
+    rays.pass_over.return_value = iter([1, 2, 3])
+    with pytest.raises(KeyboardInterrupt):
+        _words_of_pass(rays, np.zeros((32, 3)), KeptPass.of(tmp_path / "part"), "0" * 64, report)
+    done, _ = KeptPass.of(tmp_path / "part").read("0" * 64, (1, 2), 3)
+    assert done == reported[-1] > 0
 
 
 @pytest.mark.parametrize("struck", [True, False])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -114,3 +115,15 @@ def test_north_is_where_the_scene_s_own_sun_has_an_azimuth_of_0(up: list[int], n
     assert Compass.of(scene).north == pytest.approx(level / np.linalg.norm(level))
     given = Compass.of(scene, north=-level)
     assert given.north == pytest.approx(-level / np.linalg.norm(level))
+
+
+@pytest.mark.parametrize("north", [None, [3, 0, 1]])
+def test_up_that_is_not_the_sky_s_has_its_default_north(north: list[int] | None) -> None:
+    """The default north of z up is y, and of y up -z, as in the same scene without a sky."""
+    sky = {"type": "perez", "direct": 800, "diffuse": 100, "altitude": 30, "azimuth": 0, "up": [0, 1, 0]}
+    shape = {"type": "box", "min": [0, 0, 0], "max": [1, 1, 1]}
+    camera = {"position": [9, 9, 9], "target": [0, 0, 0]}
+    scene = load_scene({"camera": camera, "shapes": [shape], "sky": sky | ({"north": north} if north else {})})
+    plain = replace(scene, sky=None)
+    assert Compass.of(scene, up=[0, 0, 1]) == Compass.of(plain, up=[0, 0, 1]) == Compass((0, 0, 1), (0, 1, 0))
+    assert Compass.of(scene, up=[0, 2, 0]) == Compass.of(scene)

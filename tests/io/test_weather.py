@@ -236,6 +236,30 @@ def test_a_file_has_the_hours_of_its_data_period(
     assert len(read_weather(path).times) == hours
 
 
+def test_no_hours_are_missing_between_data_periods(
+    epw: Path, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    path = changed(epw, tmp_path / "two.epw", lambda _, row: row if row[1] in ("1", "7") else None)
+    head = "DATA PERIODS,2,1,A,Sunday, 1/ 1, 1/31,B,Sunday, 7/ 1, 7/31"
+    path.write_text(path.read_text().replace("DATA PERIODS,1,1,Data,Sunday, 1/ 1,12/31", head))
+    found = read_weather(path)
+    assert (len(found.times), found.missing) == (2 * 31 * 24, 0)
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize("minutes", [(0, 0), (30, 30), (0, 30)])
+def test_rows_off_the_full_hour_are_not_counted_as_missing(tmp_path: Path, minutes: tuple[int, int]) -> None:
+    """Two days of a TMY3 file, whose rows are one in each hour: 8,712 hours of the year lack."""
+    path = tmp_path / "a.csv"
+    rows = "".join(f"01/{2 + i // 24:02}/2015,{i % 24:02}:{minutes[i % 2]:02},0,0,0\n" for i in range(48))
+    path.write_text(
+        "1,X,CA,1.0,50.0,10.0,100\nDate (MM/DD/YYYY),Time (HH:MM),GHI (W/m^2),DNI (W/m^2),DHI (W/m^2)\n" + rows
+    )
+    with pytest.warns(SceneWarning, match="8,712 of 8,760 hours are missing"):
+        found = read_weather(path)
+    assert np.unique(found.times.astype("datetime64[h]")).size == len(found.times) == 8760
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

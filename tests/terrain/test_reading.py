@@ -234,7 +234,12 @@ def test_geotiffs_that_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["Projection    GEOGRAPHIC\nDatum WGS84\n", "Datum WGS84\r\nUnits DD\r\n", 'GEOGCS["GCS_WGS_1984",DATUM["D"]]'],
+    [
+        "Projection    GEOGRAPHIC\nDatum WGS84\n",
+        "Datum WGS84\r\nUnits DD\r\n",
+        'GEOGCS["GCS_WGS_1984",DATUM["D"]]',
+        '\ufeffGEOGCS["GCS_WGS_1984",DATUM["D"]]',
+    ],
 )
 @pytest.mark.parametrize("name", ["a.prj", "a.PRJ"])
 def test_an_ascii_grid_in_degrees_is_refused(tmp_path: Path, text: str, name: str) -> None:
@@ -251,13 +256,40 @@ def test_heights_that_seem_to_be_above_degrees_are_reported(tmp_path: Path) -> N
     """Three arc seconds at 46 N, 8 E; then a scan of 4 cm by a laser, whose relief is below its width."""
     degrees = ASC.replace("xllcorner 10", "xllcorner 8").replace("yllcorner 20", "yllcorner 46")
     degrees = degrees.replace("cellsize 2", "cellsize 0.00083333")
-    with pytest.warns(glpath.SceneWarning, match="its x and y may be degrees: samples are 0.000833 apart"):
+    with pytest.warns(glpath.SceneWarning, match="x and y may be degrees of .*: samples are 0.000833 apart"):
         load_height_field(ascii_grid(tmp_path / "a.asc", header=degrees))
     rasterio = pytest.importorskip("rasterio")
     transform = rasterio.Affine(1 / 1200, 0, 8.0, 0, -1 / 1200, 46.0)
     with pytest.warns(glpath.SceneWarning, match="its x and y may be degrees"):
         load_height_field(geotiff(tmp_path / "a.tif", crs=None, transform=transform))
     load_height_field(ascii_grid(tmp_path / "b.asc", HEIGHTS / 200, ASC.replace("cellsize 2", "cellsize 0.04")))
+
+
+@pytest.mark.parametrize(
+    "text", [None, b"", b"EPSG:4326", b'BOUNDCRS[SOURCECRS[GEOGCRS["x"]]]', 'GEOGCS["x"]'.encode("utf-16")]
+)
+def test_prj_file_that_says_nothing_of_degrees_does_not_hide_them(tmp_path: Path, text: bytes | None) -> None:
+    degrees = ASC.replace("cellsize 2", "cellsize 0.00083333")
+    path = ascii_grid(tmp_path / "a.asc", header=degrees)
+    if text is not None:
+        (tmp_path / "a.prj").write_bytes(text)
+    with pytest.warns(glpath.SceneWarning, match="its x and y may be degrees"):
+        load_height_field(path)
+
+
+@pytest.mark.parametrize("linked", [True, False])
+def test_prj_file_that_is_not_read_counts_as_absent(tmp_path: Path, linked: bool) -> None:
+    """A link that leads out of the folder is not followed, and a file of 5,000 bytes is too large."""
+    folder = tmp_path / "data"
+    folder.mkdir()
+    path = ascii_grid(folder / "a.asc")
+    outside = tmp_path / "a.prj"
+    outside.write_text('GEOGCS["GCS_WGS_1984"]' + " " * (0 if linked else 5000))
+    if linked:
+        (folder / "a.prj").symlink_to(outside)
+    else:
+        outside.rename(folder / "a.prj")
+    np.testing.assert_array_equal(load_height_field(path).heights, HEIGHTS)
 
 
 @pytest.mark.parametrize(("latitude", "stretch"), [(15.0, None), (60.0, "2"), (-45.0, "1.41")])
