@@ -153,6 +153,13 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
     return data
 
 
+def _emits_back(shape: Mapping[str, Any]) -> bool:
+    """Return True if the table of a shape has an emission with `two_sided`."""
+    emission = shape.get("emission")
+    two_sided = emission.get("two_sided") if isinstance(emission, Mapping) else None
+    return isinstance(two_sided, bool | np.bool_) and bool(two_sided)
+
+
 def _scene_with_looks(
     data: Mapping[str, Any],
     location: SourceLocation,
@@ -181,7 +188,9 @@ def _scene_with_looks(
             mesh, surface = made[id(given)]
             table = {**shape, "mesh": mesh}
             if surface is not None:
-                looks[index] = surface
+                # The caller's emission decides: a back that is to emit must not be culled.
+                lit = replace(surface.material, two_sided=True, culled=False) if _emits_back(shape) else None
+                looks[index] = surface if lit is None else replace(surface, material=lit)
         tables.append(table)
     if looks:
         own = {index: surface.material for index, surface in looks.items()}

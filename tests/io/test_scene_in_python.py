@@ -361,6 +361,19 @@ def test_flux_of_a_transparent_trimesh_is_divided_by_its_opacity():
     assert made.shapes[0].emission == pytest.approx([10 / (np.pi * 6 * 64 / 255)] * 3)
 
 
+def test_two_sided_emission_of_a_trimesh_overrides_its_culled_backs():
+    """A one-sided square of 1 that emits from both sides has area 2; its twin without emission stays culled."""
+    square = trimesh.Trimesh(VERTICES, FACES, process=False)
+    look = trimesh.visual.material.PBRMaterial(baseColorFactor=[255, 255, 255, 255])
+    square.visual = trimesh.visual.TextureVisuals(uv=VERTICES[:, :2], material=look)
+    lamp = {"mesh": square, "emission": {"flux": 10, "two_sided": True}}
+    made = load_scene({"camera": CAMERA, "shapes": [lamp, {"mesh": square}]})
+    assert made.shapes[0].emission == pytest.approx([10 / (np.pi * 2)] * 3)
+    assert [(m.two_sided, m.culled) for m in made.materials] == [(True, False), (False, True)]
+    added = load_scene({"camera": CAMERA, "shapes": [LAMP]}).add(square, emission=lamp["emission"])
+    assert added.shapes[1].emission_two_sided
+
+
 def test_everything_that_takes_a_scene_takes_these():
     data = {"camera": CAMERA, "film": {"resolution": [8, 6]}, "shapes": [{"mesh": trimesh.creation.box()}, LAMP]}
     assert glpath.render(data, spp=1).mean.shape == (6, 8, 3)
