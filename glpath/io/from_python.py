@@ -141,13 +141,14 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
     data: dict[str, Any] = {"shapes": shapes, "unit": "photometric"}  # as in glTF, which trimesh follows
     if scene.has_camera:
         to_world, camera = np.asarray(scene.camera_transform), scene.camera
+        aspect = camera.K[1, 1] / camera.K[0, 0]
         eye, forward, up = to_world[:3, 3], -to_world[:3, 2], to_world[:3, 1]
         data["camera"] = {
             "position": eye,
             "target": eye + forward,
             "up": up,
             "fov": float(camera.fov[1]),
-            "pixel_aspect": float(camera.K[1, 1] / camera.K[0, 0]),
+            "pixel_aspect": 1.0 if np.isclose(aspect, 1.0, rtol=1e-9) else float(aspect),  # K is rounded
         }
         data["film"] = {"resolution": [int(each) for each in camera.resolution]}
     return data

@@ -174,6 +174,16 @@ def test_a_camera_of_trimesh_keeps_both_fields_of_view(fov: tuple[float, float])
     assert made.centre == pytest.approx((cx, cy))
 
 
+@pytest.mark.filterwarnings("ignore:.*has no light")
+def test_square_pixels_of_trimesh_are_square():
+    """A pixel is square if both angles of view have one focal length: tan(fov / 2) = size / (2 focal)."""
+    for focal in (90.0, 225.0, 360.0, 630.0, 900.0):
+        fov = np.degrees(2 * np.arctan(np.array([640, 480]) / (2 * focal)))
+        camera = trimesh.scene.Camera(resolution=(640, 480), fov=fov)
+        world = trimesh.Scene(trimesh.creation.box(), camera=camera, camera_transform=np.eye(4))
+        assert load_scene(world).camera.pixel_aspect == 1
+
+
 def test_instances_in_a_scene_of_trimesh_are_instances_here():
     world = trimesh.Scene(trimesh.creation.icosphere(subdivisions=3))
     (name,) = world.geometry
