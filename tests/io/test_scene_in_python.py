@@ -246,6 +246,18 @@ def test_a_dictionary_without_a_camera_needs_what_the_file_needs(part: dict[str,
         load_scene({"shapes": [GROUND], **part})
 
 
+@pytest.mark.filterwarnings("ignore:.*has no camera")
+@pytest.mark.parametrize("call", [{}, {"camera": {**CAMERA, "up": [0, 1, 0]}}], ids=["alone", "replaced"])
+def test_the_error_of_a_missing_up_axis_has_the_python_that_mends_it(call: dict[str, Any]):
+    scene = {"shapes": [GROUND], "sky": {"zenith": [0, 0, 1], "horizon": [1, 0, 0]}}
+    with pytest.raises(SceneError, match="and the dictionary has no camera") as error:
+        glpath.render(scene, spp=1, **call)
+    remedy = str(error.value).partition("For example ")[2]
+    assert ("The camera that replaces the scene's does not set it." in remedy) is bool(call)
+    exec(remedy.partition(", with")[0], {"scene": scene})
+    assert load_scene(scene).sky.up.tolist() == [0, 0, 1]
+
+
 def test_what_is_dropped_of_trimesh_is_said():
     ball = trimesh.creation.icosphere(subdivisions=0)
     ball.visual.vertex_colors = np.arange(48).reshape(12, 4)
