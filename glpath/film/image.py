@@ -71,6 +71,8 @@ _BYTE_PIXEL = 4
 _MAX_EXR_ENTRIES = 4096
 # OpenEXR: maximum size of a position in a window, pixels.
 _MAX_EXR_EDGE = 2**30
+# OpenEXR: maximum aspect of a pixel, and of its reciprocal.
+_MAX_EXR_ASPECT = 1e6
 # OpenEXR: maximum length of a name or a type, bytes.
 _MAX_EXR_NAME = 255
 # OpenEXR: pattern of one entry of the channel list: a name, a zero byte, and 16 bytes of numbers.
@@ -347,7 +349,7 @@ def write_exr(
     metadata        : string attributes of the header
     window          : (x, y, width, height) of these pixels in the whole image, y from the top; the data window
     full_resolution : (width, height) of the whole image; the display window
-    pixel_aspect    : width of a displayed pixel divided by its height
+    pixel_aspect    : width of a displayed pixel divided by its height, clipped to OpenEXR's range of 1e-6 to 1e6
     layers          : further images (H, W) or (H, W, k) by name; `layer_channels` gives the channels of a name
     channels        : further channels (H, W) by their full names in the file
     alpha           : (H, W) opacity, written as channel A; the colours do not change
@@ -382,7 +384,7 @@ def write_exr(
         "chromaticities": REC709_CHROMATICITIES,
         "dataWindow": _box(x, y, width, height),
         "displayWindow": _box(0, 0, full_width, full_height),
-        "pixelAspectRatio": float(pixel_aspect),
+        "pixelAspectRatio": float(np.clip(pixel_aspect, 1 / _MAX_EXR_ASPECT, _MAX_EXR_ASPECT)),
         **(metadata or {}),
     }
     written = {"RGB": pixels} | {

@@ -141,16 +141,24 @@ def _dictionary(scene: Any, others: Sequence[str]) -> dict[str, Any]:
     data: dict[str, Any] = {"shapes": shapes, "unit": "photometric"}  # as in glTF, which trimesh follows
     if scene.has_camera:
         to_world, camera = np.asarray(scene.camera_transform), scene.camera
+        aspect = camera.K[1, 1] / camera.K[0, 0]
         eye, forward, up = to_world[:3, 3], -to_world[:3, 2], to_world[:3, 1]
         data["camera"] = {
             "position": eye,
             "target": eye + forward,
             "up": up,
             "fov": float(camera.fov[1]),
-            "pixel_aspect": float(camera.K[1, 1] / camera.K[0, 0]),
+            "pixel_aspect": 1.0 if np.isclose(aspect, 1.0, rtol=1e-9) else float(aspect),  # K is rounded
         }
         data["film"] = {"resolution": [int(each) for each in camera.resolution]}
     return data
+
+
+def _emits_back(shape: Mapping[str, Any]) -> bool:
+    """Return True if the table of a shape has an emission with `two_sided`."""
+    emission = shape.get("emission")
+    two_sided = emission.get("two_sided") if isinstance(emission, Mapping) else None
+    return isinstance(two_sided, bool | np.bool_) and bool(two_sided)
 
 
 def _scene_with_looks(
@@ -181,7 +189,9 @@ def _scene_with_looks(
             mesh, surface = made[id(given)]
             table = {**shape, "mesh": mesh}
             if surface is not None:
-                looks[index] = surface
+                # The caller's emission decides: a back that is to emit must not be culled.
+                lit = replace(surface.material, two_sided=True, culled=False) if _emits_back(shape) else None
+                looks[index] = surface if lit is None else replace(surface, material=lit)
         tables.append(table)
     if looks:
         own = {index: surface.material for index, surface in looks.items()}

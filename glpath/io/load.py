@@ -36,7 +36,7 @@ from glpath.io.up_axis import Up
 from glpath.io.values import CHECK_PERMISSIONS, LARGEST
 from glpath.scene.camera import framing
 from glpath.scene.model import Float64, Mesh, Scene
-from glpath.scene.source_location import SourceLocation, shown
+from glpath.scene.source_location import PythonLocation, SourceLocation, shown
 from glpath.system.arguments import checked, short_repr
 from glpath.system.files import MAX_TEXT_BYTES, absence_of, is_denied, read_bytes, reason_of
 from glpath.system.suggestions import similar_names
@@ -130,23 +130,26 @@ def scene_from_toml(
 def check_no_camera_is_needed(data: Mapping[str, Any], location: SourceLocation) -> None:
     """Raise SceneError if a scene's data without a camera has fields that depend on the camera or on its `up`."""
 
-    def needs(field: SourceLocation, what: str, example: str) -> SceneError:
+    owner = "dictionary" if isinstance(location, PythonLocation) else "file"
+
+    def needs(field: SourceLocation, what: str, example: list[int]) -> SceneError:
+        late = " The camera that replaces the scene's does not set it." if is_aside("view") else ""
         return field.error(
-            f"is missing: {what} goes by the camera's `up` without it, and the file has no camera.",
-            f"For example {example}.",
+            f"is missing: {what} goes by the camera's `up` without it, and the {owner} has no camera.",
+            f"For example {field.setting(example)}, with z up.{late}",
         )
 
     lights, sky, shapes = data.get("lights"), data.get("sky"), data.get("shapes")
     for index, each in enumerate(shapes if isinstance(shapes, list | tuple) else ()):
         if isinstance(each, Mapping) and "pixels" in each:
             here = location.field("shapes").item(index).field("pixels")
-            raise here.error("is of a camera's picture, but the file has no camera.", "Give it a [camera].")
+            raise here.error(f"is of a camera's picture, but the {owner} has no camera.", "Give it a camera.")
     for index, each in enumerate(lights if isinstance(lights, list | tuple) else ()):
         if isinstance(each, Mapping) and "profile" in each and "direction" not in each:
             here = location.field("lights").item(index).field("direction")
-            raise needs(here, "where the profile's gamma is 0", "direction = [0, 0, -1], with z up")
+            raise needs(here, "where the profile's gamma is 0", [0, 0, -1])
     if isinstance(sky, Mapping) and "up" not in sky and not {"file", "horizon", "type"}.isdisjoint(sky):
-        raise needs(location.field("sky").field("up"), "where the zenith is", "up = [0, 0, 1], with z up")
+        raise needs(location.field("sky").field("up"), "where the zenith is", [0, 0, 1])
 
 
 def up_without_camera(data: Mapping[str, Any], scene: Scene, up: Up = "guess") -> Up | Float64:

@@ -331,8 +331,8 @@ class _Reader:
         illum = int(self._number("illum", 2.0))
         opacity = float(phong.share(self._opacity()))
         passes = self._filter()
-        if illum in (6, 9) and opacity < 1 and passes is None:
-            return 2, opacity  # as Blender writes alpha
+        if illum in (6, 9) and 0 < opacity < 1 and passes is None:
+            return 2, opacity  # as Blender writes alpha; d 0 is more likely clear glass
         if illum == 4 and passes is not None and self._number("ni", 1.5) == 1 and not {"d", "tr"} & {*self.written}:
             return 2, float(passes.mean())  # as Maya writes transparency
         return illum, opacity

@@ -105,10 +105,13 @@ def _check_motion(camera: Camera, location: SourceLocation) -> None:
 
 
 def _check_between_keys(camera: Camera, location: SourceLocation) -> None:
-    """Raise SceneError if the camera passes through its target or looks along `up` between two keys.
+    """Raise SceneError if the camera is at its target, or looks along `up`, at a time when the shutter is open.
+
+    Other times are allowed, because a film may cut between two opposite views while the shutter is closed.
 
     location : location of the list of keys
     """
+    opened, closed = camera.shutter
     views = np.array([key.target - key.position for key in camera.motion])
     ups = np.array([key.up for key in camera.motion])
     views, ups = views / np.abs(views).max(), ups / np.abs(ups).max()
@@ -123,11 +126,13 @@ def _check_between_keys(camera: Camera, location: SourceLocation) -> None:
         slope = (x**2 + y**2 + z**2).deriv()
         shortest = _PARALLEL * np.sqrt(max(a @ a, c @ c))
         for t in slope.trim(1e-8 * np.abs(slope.coef).max()).roots().real:
-            if 0 < t < 1 and np.linalg.norm([x(t), y(t), z(t)]) < shortest:
-                before, after = camera.motion[index], camera.motion[index + 1]
+            before, after = camera.motion[index], camera.motion[index + 1]
+            span = after.time - before.time
+            share = (opened - before.time) / span - _PARALLEL, (closed - before.time) / span + _PARALLEL
+            if 0 < t < 1 and share[0] <= t <= share[1] and np.linalg.norm([x(t), y(t), z(t)]) < shortest:
                 raise location.item(index + 1).error(
                     f"is reached from {location.item(index).path} through a pose without a view: at time "
-                    f"{before.time + t * (after.time - before.time):.6g} the camera is at its target, or looks "
+                    f"{before.time + t * span:.6g} the camera is at its target, or looks "
                     "along up.",
                     "Move one of the two keys, or put another between them.",
                 )

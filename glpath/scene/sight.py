@@ -50,24 +50,60 @@ def _sees_anything(scene: Scene) -> bool:
 
 
 def sees_nearer(scene: Scene, depth: float) -> bool:
-    """Return True if the view pyramid contains a part of a shape that is nearer than `depth`.
+    """Return True if the view pyramid contains a part of a surface that is nearer than `depth`.
 
     depth : along the view axis of a perspective camera
 
-    Spheres count as a whole if their nearest point is nearer. Streams do not count.
+    Streams do not count.
     """
     camera = scene.camera
     height = np.einsum("pi,pi->p", scene.planes[:, :, 2], camera.position - scene.planes[:, :, 3])[:, None]
     if np.any(height * (height + depth * (scene.planes[:, :, 2] @ camera.corner_rays().T)) < 0):
         return True
+    if any(_sees_nearer_spheres(camera, part, depth) for part in _chunks(scene.spheres)):
+        return True
     forward = camera.frame()[2]
-    extent = np.linalg.norm(forward @ scene.spheres[:, :, :3], axis=1)
-    spheres = scene.spheres[(scene.spheres[:, :, 3] - camera.position) @ forward - extent < depth]
-    return _sees_spheres(camera, spheres) or any(
+    return any(
         sees_triangles(camera, _nearer_parts(chunk, (chunk - camera.position) @ forward - depth))
         for part in _triangles(scene)
         for chunk in _chunks(part)
     )
+
+
+def _sees_nearer_spheres(camera: Camera, spheres: Float64, depth: float) -> bool:
+    """Return True if the surface of any sphere (S, 3, 4) is visible and nearer than `depth`.
+
+    In the space of the unit sphere, it is if the tip of the view pyramid has a corner outside, and is nearer than 1
+    to the origin.
+    """
+    forward, rays = camera.frame()[2], depth * camera.corner_rays()
+    extent, middle = (
+        np.linalg.norm(forward @ spheres[:, :, :3], axis=1),
+        (spheres[:, :, 3] - camera.position) @ forward,
+    )
+    spheres = spheres[(middle - extent < depth) & (middle + extent > 0)]
+    inverse = np.linalg.inv(spheres[:, :, :3])
+    corners = np.concatenate([np.zeros((1, 3)), rays]) + (camera.position - spheres[:, None, :, 3])
+    tip = np.einsum("nij,nkj->nki", inverse, corners)
+    faces = tip[:, [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 1), (1, 3, 2), (1, 4, 3)]]
+    # All faces have the same orientation, so their volumes with an enclosed origin have the same sign.
+    volumes = np.linalg.det(faces)
+    encloses = (volumes > 0).all(axis=1) | (volumes < 0).all(axis=1)
+    near = encloses | (_distances(faces) < 1).any(axis=1)
+    return bool(np.any(near & (np.linalg.norm(tip, axis=2) > 1).any(axis=1)))
+
+
+def _distances(triangles: Float64) -> Float64:
+    """Return the (...) distances of the origin from triangles (..., 3, 3)."""
+    edges = np.roll(triangles, -1, axis=-2) - triangles
+    share = np.clip(-np.sum(triangles * edges, axis=-1) / np.sum(edges * edges, axis=-1), 0, 1)
+    on_edge = np.linalg.norm(triangles + share[..., None] * edges, axis=-1).min(axis=-1)
+    normal = np.cross(edges[..., 0, :], edges[..., 1, :])
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    height = np.sum(triangles[..., 0, :] * normal, axis=-1)
+    foot = height[..., None] * normal
+    within = np.sum(np.cross(edges, foot[..., None, :] - triangles) * normal[..., None, :], axis=-1) >= 0
+    return np.asarray(np.where(within.all(axis=-1), np.abs(height), on_edge))
 
 
 def _nearer_parts(triangles: Float64, height: Float64) -> Float64:

@@ -69,6 +69,10 @@ class PythonLocation(SourceLocation):
     def field(self, name: str) -> SourceLocation:
         return type(self)(self.source, f"{self.path}[{json.dumps(name, ensure_ascii=False)}]")
 
+    def setting(self, value: object) -> str:
+        """Return the Python statement that assigns `value` to this key."""
+        return f"{self} = {self.written(value)}"
+
 
 def coordinates(point: Iterable[float]) -> str:
     """Return a point as text; each coordinate has six digits, or two decimals if it is at least 1e5 in size."""

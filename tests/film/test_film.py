@@ -248,6 +248,16 @@ def test_exr_has_the_pixel_aspect_of_the_camera(aspect: float, tmp_path: Path) -
     assert ("glpath.pixel_aspect" in header) is (aspect != 1)
 
 
+@pytest.mark.parametrize(("aspect", "written"), [(1e-7, 1e-6), (0.5, 0.5), (1e7, 1e6)])
+def test_exr_has_the_pixel_aspect_nearest_to_a_camera_beyond_its_range(
+    aspect: float, written: float, tmp_path: Path
+) -> None:
+    """OpenEXR refuses a pixelAspectRatio below 1e-6 or above 1e6, so that reading the file back is the witness."""
+    image.write_exr(tmp_path / "a.exr", np.ones((2, 2, 3)), pixel_aspect=aspect)
+    header = OpenEXR.File(str(tmp_path / "a.exr")).header()
+    assert header["pixelAspectRatio"] == pytest.approx(written)
+
+
 @pytest.mark.parametrize("aspect", [0.0, -1.0, float("nan"), float("inf"), True, "2"])
 def test_a_pixel_aspect_that_is_none_is_refused(aspect: object, make_film: MakeFilm) -> None:
     metadata = asdict(make_film().metadata)

@@ -17,7 +17,7 @@ from glpath.errors import ImageError, SceneError, SceneWarning, UsageError
 from glpath.film.image import read_image
 from glpath.integrators.path_settings import PathSettings
 from glpath.io.export import MAX_DEPTH
-from glpath.io.export.geometry import Notes, in_triangles
+from glpath.io.export.geometry import Notes, in_triangles, near_plane
 from glpath.io.export.mitsuba import described
 from glpath.io.gltf.load import Model, read_gltf
 from glpath.io.library import shipped_scenes
@@ -345,6 +345,15 @@ def test_near_planes_hide_nothing_in_a_wide_scene(ground: Any, box: Any, camera:
     quietly(scene, tmp_path / "a.glb")
     made = ReadGlb.of(tmp_path / "a.glb").json["cameras"][0]
     assert 0 <= made[made["type"]]["znear"] < 0.9
+
+
+@pytest.mark.parametrize("centre", [[0, 0, 0], [0, -100, 0]], ids=["dome", "ground"])
+def test_spheres_around_or_below_the_camera_leave_the_near_plane_where_it_is(centre: list[float]) -> None:
+    """Nothing in view is nearer than about 2: the dome is 100 away, and the ground is seen at an angle from 1.5."""
+    ball = {"type": "sphere", "center": centre, "radius": 100}
+    camera = {"position": [0, 1.5, 0], "target": [0, 1, -4]}
+    scene = glpath.load_scene({"camera": camera, "sky": {"zenith": 1}, "shapes": [ball]})
+    assert near_plane(scene, 0.3) == 0.3
 
 
 def test_cameras_of_a_scene_without_size_have_the_depths_that_gltf_demands(tmp_path: Path) -> None:

@@ -406,7 +406,7 @@ BLENDER_GLOSS = "Ns 250\nKa 1 1 1\nKs 0.5 0.5 0.5\nKe 0 0 0\nNi 1.5\n"
 
 @pytest.mark.parametrize("illum", [6, 9])
 @pytest.mark.parametrize("gloss", [BLENDER_GLOSS, "Pr 0.3\nPm 1\n"])
-@pytest.mark.parametrize("density", ["d 0.5", "d 0.5\nTf 1 1 1", "d 0"])
+@pytest.mark.parametrize("density", ["d 0.5", "d 0.5\nTf 1 1 1"])
 def test_a_surface_with_alpha_of_blender_keeps_its_colour_and_gloss(
     tmp_path: Path, illum: int, gloss: str, density: str
 ) -> None:
@@ -417,7 +417,15 @@ def test_a_surface_with_alpha_of_blender_keeps_its_colour_and_gloss(
     ).materials
     assert same(paint, plain)
     assert paint.reflectance.tolist() == [0.8, 0, 0]
-    assert (paint.opacity, paint.alpha) == ((1, "opaque") if density == "d 0" else (0.5, "blend"))
+    assert (paint.opacity, paint.alpha) == (0.5, "blend")
+
+
+@pytest.mark.parametrize(("illum", "thin"), [(4, True), (6, False), (7, False), (9, True)])
+@pytest.mark.parametrize("passes", ["Ni 1.5", "Ni 1.5\nTf 1 1 1"])
+def test_glass_of_density_0_is_clear(tmp_path: Path, illum: int, thin: bool, passes: str) -> None:
+    """The MTL specification: illum 4, 6, 7 and 9 are glass or refraction, and d 0 is fully transparent."""
+    glass = surfaces(tmp_path, f"newmtl Paint\nKd 1 1 1\nillum {illum}\nd 0\n{passes}\nnewmtl Gold").materials[0]
+    assert (glass.transmission, glass.thin, glass.ior, glass.opacity) == (1, thin, 1.5, 1)
 
 
 @pytest.mark.parametrize("opacity", [1.0, 0.5])

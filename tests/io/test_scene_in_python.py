@@ -174,6 +174,16 @@ def test_a_camera_of_trimesh_keeps_both_fields_of_view(fov: tuple[float, float])
     assert made.centre == pytest.approx((cx, cy))
 
 
+@pytest.mark.filterwarnings("ignore:.*has no light")
+def test_square_pixels_of_trimesh_are_square():
+    """A pixel is square if both angles of view have one focal length: tan(fov / 2) = size / (2 focal)."""
+    for focal in (90.0, 225.0, 360.0, 630.0, 900.0):
+        fov = np.degrees(2 * np.arctan(np.array([640, 480]) / (2 * focal)))
+        camera = trimesh.scene.Camera(resolution=(640, 480), fov=fov)
+        world = trimesh.Scene(trimesh.creation.box(), camera=camera, camera_transform=np.eye(4))
+        assert load_scene(world).camera.pixel_aspect == 1
+
+
 def test_instances_in_a_scene_of_trimesh_are_instances_here():
     world = trimesh.Scene(trimesh.creation.icosphere(subdivisions=3))
     (name,) = world.geometry
@@ -234,6 +244,18 @@ def test_the_warning_of_a_guessed_up_axis_names_what_python_writes():
 def test_a_dictionary_without_a_camera_needs_what_the_file_needs(part: dict[str, Any], told: str):
     with pytest.raises(SceneError, match=told + ".*has no camera"):
         load_scene({"shapes": [GROUND], **part})
+
+
+@pytest.mark.filterwarnings("ignore:.*has no camera")
+@pytest.mark.parametrize("call", [{}, {"camera": {**CAMERA, "up": [0, 1, 0]}}], ids=["alone", "replaced"])
+def test_the_error_of_a_missing_up_axis_has_the_python_that_mends_it(call: dict[str, Any]):
+    scene = {"shapes": [GROUND], "sky": {"zenith": [0, 0, 1], "horizon": [1, 0, 0]}}
+    with pytest.raises(SceneError, match="and the dictionary has no camera") as error:
+        glpath.render(scene, spp=1, **call)
+    remedy = str(error.value).partition("For example ")[2]
+    assert ("The camera that replaces the scene's does not set it." in remedy) is bool(call)
+    exec(remedy.partition(", with")[0], {"scene": scene})
+    assert load_scene(scene).sky.up.tolist() == [0, 0, 1]
 
 
 def test_what_is_dropped_of_trimesh_is_said():
@@ -359,6 +381,19 @@ def test_flux_of_a_transparent_trimesh_is_divided_by_its_opacity():
     box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), material=look)
     made = load_scene({"camera": CAMERA, "shapes": [{"mesh": box, "emission": {"flux": 10}}]})
     assert made.shapes[0].emission == pytest.approx([10 / (np.pi * 6 * 64 / 255)] * 3)
+
+
+def test_two_sided_emission_of_a_trimesh_overrides_its_culled_backs():
+    """A one-sided square of 1 that emits from both sides has area 2; its twin without emission stays culled."""
+    square = trimesh.Trimesh(VERTICES, FACES, process=False)
+    look = trimesh.visual.material.PBRMaterial(baseColorFactor=[255, 255, 255, 255])
+    square.visual = trimesh.visual.TextureVisuals(uv=VERTICES[:, :2], material=look)
+    lamp = {"mesh": square, "emission": {"flux": 10, "two_sided": True}}
+    made = load_scene({"camera": CAMERA, "shapes": [lamp, {"mesh": square}]})
+    assert made.shapes[0].emission == pytest.approx([10 / (np.pi * 2)] * 3)
+    assert [(m.two_sided, m.culled) for m in made.materials] == [(True, False), (False, True)]
+    added = load_scene({"camera": CAMERA, "shapes": [LAMP]}).add(square, emission=lamp["emission"])
+    assert added.shapes[1].emission_two_sided
 
 
 def test_everything_that_takes_a_scene_takes_these():

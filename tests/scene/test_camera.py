@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from glpath.errors import SceneError, UsageError
+from glpath.io import load_scene
 from glpath.sampling.points import PathSetSampler
 from glpath.scene import Camera, check_camera
 from glpath.scene.camera import CameraKey, Projection, framed
@@ -205,7 +206,7 @@ def test_a_camera_that_has_no_view_between_two_keys_is_refused(
     poses = ((0.0, first), (1.0, first), (3.0, last))
     for turn in (np.eye(3), np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]):
         keys = tuple(CameraKey(t, turn @ each, np.zeros(3), turn @ up) for t, each in poses)
-        camera = Camera(keys[0].position, np.zeros(3), turn @ up, 40.0, (8, 6), motion=keys)
+        camera = Camera(keys[0].position, np.zeros(3), turn @ up, 40.0, (8, 6), shutter=(0, 3), motion=keys)
         if time is None:
             check_camera(camera, "room")
             continue
@@ -214,12 +215,34 @@ def test_a_camera_that_has_no_view_between_two_keys_is_refused(
             check_camera(camera, "room")
 
 
+@pytest.mark.parametrize(
+    ("shutter", "has_view"),
+    [
+        ((0.0, 1.0), True),
+        ((1.0, 1.59), True),
+        ((1.5, 1.7), False),
+        ((1.6, 1.6), False),
+        ((1.61, 3.0), True),
+        ((0.0, 9.0), False),
+    ],
+)
+def test_motion_without_a_view_is_refused_only_while_the_shutter_is_open(
+    shutter: tuple[float, float], has_view: bool
+) -> None:
+    """From 1 s to 3 s the camera flies from 3 before its target to 7 behind it, through the target at 1.6 s."""
+    up = np.array([0.0, 1.0, 0.0])
+    keys = tuple(CameraKey(t, np.array([0, 0, z]), np.zeros(3), up) for t, z in ((1.0, 3.0), (3.0, -7.0)))
+    scene = load_scene("furnace").with_camera(Camera(keys[0].position, np.zeros(3), up, 40.0, (8, 6), motion=keys))
+    with nullcontext() if has_view else pytest.raises(SceneError, match=r"at time 1\.6 "):
+        scene.with_camera(shutter=shutter)
+
+
 def test_an_up_vector_that_turns_into_the_view_is_refused() -> None:
     """Half way from x to -x + 2 z, up is z, along the view."""
     for last, is_lost in (((-1.0, 0.0, 2.0), True), ((0.0, 1.0, 2.0), False), ((-1.0, 0.2, 2.0), False)):
         ups = np.array([[1.0, 0.0, 0.0], last])
         keys = tuple(CameraKey(float(t), np.zeros(3), np.array([0, 0, 5.0]), up) for t, up in enumerate(ups))
-        camera = Camera(np.zeros(3), np.array([0, 0, 5.0]), ups[0], 40.0, (8, 6), motion=keys)
+        camera = Camera(np.zeros(3), np.array([0, 0, 5.0]), ups[0], 40.0, (8, 6), shutter=(0, 1), motion=keys)
         with np.errstate(invalid="ignore"):
             assert np.isnan(camera.at(0.5).frame()[0]).all() == is_lost
         with pytest.raises(SceneError, match=r"at time 0\.5 ") if is_lost else nullcontext():

@@ -16,6 +16,7 @@ from glpath.cli import scenes
 from glpath.errors import SceneError
 from glpath.io import load_scene, scene_from_dict
 from glpath.scene import Camera, CameraKey, Scene, check, check_camera, check_scene, model, path_traceable, sight
+from glpath.scene.model import Material, Shape, Shapes
 from glpath.scene.sight import sees_anything, sees_triangles
 
 CAMERA = Camera(np.array([0.0, 0, 5]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (64, 48))
@@ -418,6 +419,31 @@ def test_parts_in_view_before_a_plane_are_those_that_rays_find():
         else:
             assert not sight.sees_anything(triangle) or depth[within].size == 0
     assert len(found) > 40
+
+
+def test_spheres_in_view_before_a_plane_are_those_that_rays_find():
+    """Rays meet an ellipsoid at the roots of a quadratic equation. Backs count, also around the camera."""
+    rng = np.random.default_rng(8)
+    rays = np.stack(np.meshgrid(*[np.linspace(-1, 1, 101)] * 2), axis=-1).reshape(-1, 2) * np.tan(np.radians(20))
+    rays = np.column_stack([rays, -np.ones(len(rays))])
+    camera = Camera(np.array([0.0, 0, 5]), np.zeros(3), np.array([0.0, 1, 0]), 40.0, (8, 8))
+    found, within = 0, 0
+    for radius in np.repeat([0.1, 0.5, 2.0, 10.0], 50) * rng.uniform(0.5, 1.5, 200):
+        matrix = radius * np.eye(3) * [1.0, 0.5, 2.0]
+        centre = np.maximum(1, radius / 2) * rng.normal(size=3) * [2, 2, 3] + [0, 0, 2]
+        ball = Shape("ball", "sphere", 0, np.column_stack([matrix, centre])[None])
+        scene = Scene("ball", camera, Shapes([ball]), (Material("grey", np.full(3, 0.5)),))
+        origin, directions = np.linalg.solve(matrix, camera.position - centre), np.linalg.solve(matrix, rays.T).T
+        a, b, c = (directions**2).sum(axis=1), directions @ origin, origin @ origin - 1
+        with np.errstate(invalid="ignore"):
+            depths = (-b + np.sqrt(b * b - a * c) * [[-1], [1]]) / a
+        nearest = depths[depths > 0].min(initial=np.inf)
+        if np.isfinite(nearest):
+            found, within = found + 1, within + (c < 0)
+            assert sight.sees_nearer(scene, 1.001 * nearest)
+            assert not sight.sees_nearer(scene, 0.9 * nearest)
+    assert found > 40
+    assert within > 5
 
 
 def test_shapes_around_a_point_are_counted_once_not_once_per_shape(monkeypatch: pytest.MonkeyPatch):
