@@ -82,6 +82,29 @@ def test_checkpoint_that_cannot_be_removed_leaves_a_finished_render_with_its_sta
     assert "done, but the checkpoint was not removed: " in capfd.readouterr().err
 
 
+@pytest.mark.parametrize("stop_rule", ["spp", "interrupted"])
+def test_checkpoint_has_all_path_sets_before_outputs_are_made(
+    stop_rule: str, tmp_path: Path, make_film: MakeFilm
+) -> None:
+    film, checkpoint = make_film([(0, 2)], stop_rule=stop_rule), Checkpoint(tmp_path / "a.checkpoint.npz")
+
+    def denoise() -> tuple[list[Path], None]:
+        raise KeyboardInterrupt  # as SIGKILL: nothing after it runs
+
+    with signals_wait_for_results(), pytest.raises(KeyboardInterrupt):
+        Outcome(film, None, RunRequest(), checkpoint, 0).leave(denoise, lambda _: [], lambda _: "")
+    assert Film.load(checkpoint.path).ranges == film.ranges
+
+
+def test_checkpoint_with_all_path_sets_is_not_written_again(tmp_path: Path, make_film: MakeFilm) -> None:
+    film, checkpoint = make_film([(0, 2)], stop_rule="interrupted"), Checkpoint(tmp_path / "a.checkpoint.npz")
+    with signals_wait_for_results():
+        Outcome(film, None, RunRequest(quiet=True), checkpoint, 0).leave(
+            lambda: ([], None), lambda _: [], lambda _: ""
+        )
+    assert (checkpoint.written, Film.load(checkpoint.path).path_sets) == (1, 2)
+
+
 class Saved:
     """Result that is saved as an empty file."""
 
