@@ -23,7 +23,7 @@ from glpath.film.film import Film
 from glpath.jobs.checkpoint import Checkpoint
 from glpath.rendering import calls
 from glpath.rendering.interrupts import RenderInterrupted
-from glpath.system.time_limit import check_time, limited
+from glpath.system.time_limit import check_time, limited, seconds_left
 from tests.conftest import MakeFilm
 from tests.support.clock import Clock
 from tests.support.command_line import run
@@ -125,6 +125,29 @@ def test_checkpoint_that_cannot_be_removed_leaves_a_finished_solution(
     done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "-q", "--checkpoint", "1h")
     assert (done.exit_code, "the checkpoint was not removed" in done.stderr) == (3, True), done.stderr
     assert (tmp_path / "s.npz").exists()
+
+
+def test_check_of_a_solution_obeys_the_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    watches: list[bool] = []
+
+    @contextmanager
+    def watched(*_: object) -> Iterator[None]:
+        watches.append(True)
+        yield
+        watches.append(False)
+
+    def check(*_: object) -> None:
+        assert watches[-1]
+        assert seconds_left() < 600
+        raise glpath.TimeLimitError("ended")
+
+    monkeypatch.setattr("glpath.cli.radiosity._solve", lambda *_: (Saved(), True))
+    monkeypatch.setattr("glpath.cli.radiosity.watched", watched)
+    monkeypatch.setattr("glpath.rendering.element_error", check)
+    done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "-q", "--check", "--time-limit", "600")
+    assert (done.exit_code, "--check: left out, because --time-limit is over" in done.stderr) == (0, True), (
+        done.stderr
+    )
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
