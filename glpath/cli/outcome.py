@@ -82,6 +82,10 @@ class Outcome:
             raise end
         written: list[Path] = []
         if film.path_sets:
+            if checkpoint is not None and not checkpoint.is_output:
+                checkpoint.write_missing(
+                    film
+                )  # a signal or too little memory may end the process while it denoises
             written, unsaved = write()
             failure = failure or unsaved
         if checkpoint is not None and complete and by_scheduler() and failure is None:
@@ -169,7 +173,7 @@ def settle(checkpoint: Checkpoint, film: Film, failure: GlpathError | None) -> s
         if by_scheduler():
             forget()
     else:
-        checkpoint.write(film)
+        checkpoint.write_missing(film)
     if not fault and checkpoint.failure is not None:
         return f"the last checkpoint was not written: {checkpoint.failure}"
     return fault

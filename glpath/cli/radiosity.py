@@ -29,14 +29,15 @@ from glpath.cli.signals import (
 )
 from glpath.cli.typed import typed_parameters
 from glpath.cli.unattended import SOLVING, check_absent, done_but, left_in, remove_checkpoint, watched
-from glpath.errors import GlpathError, ImageError, UsageError
+from glpath.errors import GlpathError, ImageError, TimeLimitError, UsageError
 from glpath.film.choices import TIME_LIMIT
 from glpath.io.completed import aside
 from glpath.system.files import check_outputs, check_separate, check_writable, save_all
+from glpath.system.log import log
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
-from glpath.system.time_limit import lift_limit
+from glpath.system.time_limit import without_limit
 
 if TYPE_CHECKING:
     from glpath.radiosity import RadiosityProgress, RadiositySolution
@@ -209,14 +210,14 @@ def radiosity(
                 solution, complete = result_of(lambda: _loaded(radiosity, loaded)), True
             else:
                 solution, complete = _solve(loaded, options, run.mode)
-        lift_limit()
         if checkpoint is not None and by_scheduler() and not complete:
             if checkpoint.failure is not None:
                 raise ImageError(checkpoint.failure, checkpoint.rescue)
             say(f"glpath: ended by a signal: --resume continues from {checkpoint.path}", err=True)
             raise typer.Exit(RESUME_LATER)
         if solution is not None:
-            _save(solution, loaded, out, exposure)
+            with without_limit():
+                _save(solution, loaded, out, exposure)
         if checkpoint is not None and by_scheduler() and not check:
             forget()  # nothing is left to resume
         _end(solution, out, loaded, not run.talks, solved=radiosity is None)
@@ -225,12 +226,16 @@ def radiosity(
 
             release()  # signals may end the check, because the solution is saved
             try:
-                found = result_of(lambda: element_error(loaded, solution))
+                with watched(run.silence, f"The solution is in {', '.join(map(str, out))}."):
+                    found = result_of(lambda: element_error(loaded, solution))
+            except TimeLimitError:
+                log.warning("--check: left out, because --time-limit is over.")
             except GlpathError:  # such as a black picture; the solution is complete and saved
                 if checkpoint is not None:
                     remove_checkpoint(checkpoint)
                 raise
-            say(json.dumps(found.recorded()) if run.progress == "json" else str(found), err=True)
+            else:
+                say(json.dumps(found.recorded()) if run.progress == "json" else str(found), err=True)
         if checkpoint is not None and (fault := remove_checkpoint(checkpoint)):
             raise done_but(fault)
 

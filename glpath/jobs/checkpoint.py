@@ -51,6 +51,11 @@ class Checkpoint(CheckpointFile):
         if self.due(film.path_sets):
             self.write(film)
 
+    def write_missing(self, film: Film) -> None:
+        """Write the film unless the file already has all of its path sets."""
+        if self.failure is not None or self._last_step != film.path_sets:
+            self.write(film)
+
     def write(self, film: Film, last: bool = False) -> bool:
         """Write the film now, and return True on success; `last` is as in `written_by`."""
         if well := self.written_by(film.save, film.path_sets, last):

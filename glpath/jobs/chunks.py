@@ -3,11 +3,11 @@
 It only does arithmetic; `cluster` talks to the workers. A chunk is a range of path sets of a job. Films of chunks
 merge into the job's film, bit for bit, for any division into chunks.
 
-A chunk should take `seconds` of a worker's time, estimated from earlier chunks. Near the end chunks shrink, so that
-workers end together (guided self-scheduling, Polychronopoulos and Kuck 1987). A failed chunk is handed out again,
-up to `ATTEMPTS` times; then it is set aside, and the others continue. Its last attempt is made alone, after all
-others, because it may have failed only because another chunk ended its worker. When nothing is left to hand out, a
-late chunk may be given to a second worker (`straggler`), and the first result counts.
+A chunk should take `seconds` of a worker's time, estimated from earlier chunks. Near the end, or the time limit,
+chunks shrink, so that workers end together (guided self-scheduling, Polychronopoulos and Kuck 1987). A failed chunk
+is handed out again, up to `ATTEMPTS` times; then it is set aside, and the others continue. Its last attempt is made
+alone, after all others, because it may have failed only because another chunk ended its worker. When nothing is
+left to hand out, a late chunk may be given to a second worker (`straggler`), and the first result counts.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from glpath.errors import GlpathError
 from glpath.film.batches import BLOCK, blocks
 from glpath.film.film import Film
+from glpath.system.time_limit import seconds_left
 
 #: Maximum number of attempts for a chunk.
 ATTEMPTS = 3
@@ -28,6 +29,9 @@ ATTEMPTS = 3
 _LATE = 2.0
 # Maximum size of a chunk, as a fraction of the remaining path sets per worker.
 _SHARE = 0.5
+# Maximum time of a chunk, as a fraction of the time left. A worker first renders the chunk before it, so a larger
+# fraction ends after the limit.
+_TIME_SHARE = 0.25
 
 Range = tuple[int, int]
 
@@ -121,7 +125,8 @@ class Chunks:
             return self.first
         # Chunks are longer with more workers, so that merging takes at most half of this process's time.
         cost = statistics.median(self._costs) if self._costs else 0.0
-        fitting = max(self.seconds, 2.0 * workers * cost) / max(statistics.median(self._seconds_each), 1e-9)
+        target = min(max(self.seconds, 2.0 * workers * cost), _TIME_SHARE * seconds_left())
+        fitting = target / max(statistics.median(self._seconds_each), 1e-9)
         fair = self.left * _SHARE / max(workers, 1)
         size = int(max(1.0, min(fitting, fair, 1e9)))
         # Use whole blocks if possible, because each block is a batch of the film to transfer.

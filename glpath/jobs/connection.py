@@ -10,6 +10,7 @@ Cost:     seconds to start a local process, with its own context and shaders.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import logging
@@ -45,6 +46,8 @@ _REFUSED_S = 5.0
 _LOOP_STARTS = 3
 # Time for which a broken connection may recover, seconds.
 _LOST_S = 3.0
+# Maximum time for a local process to end its task before it is killed, seconds.
+_END_S = 1.0
 # Maximum time to wait for a scheduler's answer, seconds.
 _ANSWER_S = 30.0
 # Signals that child processes do not get. Dask sends SIGTERM to workers that fail to start, so it is not blocked.
@@ -110,8 +113,14 @@ class Connection:
                 self.client.close(timeout=5)
             if self._local is not None:
                 with contextlib.suppress(Exception):
+                    self._local.sync(self._end_local_workers, callback_timeout=5)
+                with contextlib.suppress(Exception):
                     self._local.close(timeout=10)
         self._quiet.close()
+
+    async def _end_local_workers(self) -> None:
+        """End local processes, also within a task, whose result nobody needs; Dask would wait for seconds."""
+        await asyncio.gather(*(nanny.close(timeout=_END_S) for nanny in self._local.workers.values()))
 
     def check(self) -> None:
         """Raise ContextError if the connection to the scheduler has been broken for some seconds.

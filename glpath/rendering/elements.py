@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import UsageError
+from glpath.errors import TimeLimitError, UsageError
 from glpath.film.batches import BLOCK
 from glpath.film.film import Film
 from glpath.integrators.gather_settings import Solution
@@ -87,10 +87,14 @@ def element_error(
             raise UsageError(
                 f"{name}: of a single render, but element_error compares two of the same path sets.", "Give spp."
             )
-    nearer, further = (
-        render(scene, integrator="gather", radiosity=radiosity, spp=spp, lookup_depth=depth, **options)
-        for depth in (lookup_depth, lookup_depth + 1)
-    )
+    films: list[Film] = []
+    for depth in (lookup_depth, lookup_depth + 1):
+        films.append(
+            render(scene, integrator="gather", radiosity=radiosity, spp=spp, lookup_depth=depth, **options)
+        )
+        if films[-1].path_sets < spp:  # the limit of a command ended the gather
+            raise TimeLimitError("element_error: the time limit ended a gather.", "Give it more time.")
+    nearer, further = films
     level = further.mean.mean()
     if not level > 0:
         raise UsageError(

@@ -19,6 +19,10 @@ from glpath.system.signals import ENDING, RECORDS, REPEATED
 _GRACE = 4.0
 
 
+# Call that resumes a film, for the message of `RenderInterrupted`. `render_frames` takes no film.
+_RESUME = "the same call with film=film (for a frame of render_frames: render)"
+
+
 class RenderInterrupted(KeyboardInterrupt):
     """Exception for Ctrl-C during a render; `film` holds all complete path sets.
 
@@ -28,7 +32,7 @@ class RenderInterrupted(KeyboardInterrupt):
     number: int = signal.SIGINT
 
     def __init__(self, film: Film, number: int = signal.SIGINT) -> None:
-        kept = kept_in("RenderInterrupted", "film", "render(..., film=film)") if film.path_sets else ""
+        kept = kept_in("RenderInterrupted", "film", _RESUME) if film.path_sets else ""
         super().__init__(f"interrupted after {film.path_sets} path sets{kept}")
         self.film = film
         self.number = number

@@ -677,7 +677,8 @@ def save_all(
 ) -> tuple[list[Path], ImageError | None]:
     """Write several outputs of one result. If one fails, the others are still written.
 
-    Files are written before pipes and devices, which may block.
+    Files are written before pipes and devices, which may block. Files of a rescue suffix are written first, because
+    they hold the whole result, and other outputs may take long.
 
     saves  : function that writes each output, by path
     rescue : functions that write the whole result, by file name. They are called with paths in a temporary folder
@@ -689,7 +690,8 @@ def save_all(
     """
     written: list[Path] = []
     failures: dict[Path, Exception] = {}
-    for path in sorted(saves, key=is_stream):
+    suffixes = {Path(name).suffix for name in rescue or ()}
+    for path in sorted(saves, key=lambda path: (is_stream(path), path.suffix.lower() not in suffixes)):
         try:
             saves[path](path)
             written.append(path)
@@ -698,7 +700,6 @@ def save_all(
     if not failures:
         return written, None
     notes = []
-    suffixes = {Path(name).suffix for name in rescue or ()}
     if rescue and (not written or any(path.suffix.lower() in suffixes for path in failures)):
         notes.append(rescued(rescue, where))
     errors = [

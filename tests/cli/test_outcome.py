@@ -23,7 +23,7 @@ from glpath.film.film import Film
 from glpath.jobs.checkpoint import Checkpoint
 from glpath.rendering import calls
 from glpath.rendering.interrupts import RenderInterrupted
-from glpath.system.time_limit import check_time, limited
+from glpath.system.time_limit import check_time, limited, seconds_left
 from tests.conftest import MakeFilm
 from tests.support.clock import Clock
 from tests.support.command_line import run
@@ -82,6 +82,29 @@ def test_checkpoint_that_cannot_be_removed_leaves_a_finished_render_with_its_sta
     assert "done, but the checkpoint was not removed: " in capfd.readouterr().err
 
 
+@pytest.mark.parametrize("stop_rule", ["spp", "interrupted"])
+def test_checkpoint_has_all_path_sets_before_outputs_are_made(
+    stop_rule: str, tmp_path: Path, make_film: MakeFilm
+) -> None:
+    film, checkpoint = make_film([(0, 2)], stop_rule=stop_rule), Checkpoint(tmp_path / "a.checkpoint.npz")
+
+    def denoise() -> tuple[list[Path], None]:
+        raise KeyboardInterrupt  # as SIGKILL: nothing after it runs
+
+    with signals_wait_for_results(), pytest.raises(KeyboardInterrupt):
+        Outcome(film, None, RunRequest(), checkpoint, 0).leave(denoise, lambda _: [], lambda _: "")
+    assert Film.load(checkpoint.path).ranges == film.ranges
+
+
+def test_checkpoint_with_all_path_sets_is_not_written_again(tmp_path: Path, make_film: MakeFilm) -> None:
+    film, checkpoint = make_film([(0, 2)], stop_rule="interrupted"), Checkpoint(tmp_path / "a.checkpoint.npz")
+    with signals_wait_for_results():
+        Outcome(film, None, RunRequest(quiet=True), checkpoint, 0).leave(
+            lambda: ([], None), lambda _: [], lambda _: ""
+        )
+    assert (checkpoint.written, Film.load(checkpoint.path).path_sets) == (1, 2)
+
+
 class Saved:
     """Result that is saved as an empty file."""
 
@@ -102,6 +125,29 @@ def test_checkpoint_that_cannot_be_removed_leaves_a_finished_solution(
     done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "-q", "--checkpoint", "1h")
     assert (done.exit_code, "the checkpoint was not removed" in done.stderr) == (3, True), done.stderr
     assert (tmp_path / "s.npz").exists()
+
+
+def test_check_of_a_solution_obeys_the_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    watches: list[bool] = []
+
+    @contextmanager
+    def watched(*_: object) -> Iterator[None]:
+        watches.append(True)
+        yield
+        watches.append(False)
+
+    def check(*_: object) -> None:
+        assert watches[-1]
+        assert seconds_left() < 600
+        raise glpath.TimeLimitError("ended")
+
+    monkeypatch.setattr("glpath.cli.radiosity._solve", lambda *_: (Saved(), True))
+    monkeypatch.setattr("glpath.cli.radiosity.watched", watched)
+    monkeypatch.setattr("glpath.rendering.element_error", check)
+    done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "-q", "--check", "--time-limit", "600")
+    assert (done.exit_code, "--check: left out, because --time-limit is over" in done.stderr) == (0, True), (
+        done.stderr
+    )
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")

@@ -128,6 +128,12 @@ def test_where_even_the_temporary_folder_is_full_that_is_said(
     assert (written, failure and failure.remedy) == ([], "Nor could it be kept in a temporary folder.")
 
 
+def test_files_of_the_whole_result_are_written_first(tmp_path: Path) -> None:
+    outputs = [tmp_path / name for name in ("a.png", "b.npz", "c.exr")]
+    written, _ = files.save_all(dict.fromkeys(outputs, save_text), {"film.npz": save_text}, "In {}.")
+    assert [path.name for path in written] == ["b.npz", "a.png", "c.exr"]
+
+
 def test_export_names_a_file_in_the_place_of_its_folder_before_it_writes(tmp_path: Path) -> None:
     (tmp_path / "e_files").write_text("mine")
     result = run("export", "cornell-box-36", "-o", tmp_path / "e.xml", "-o", tmp_path / "e.glb")

@@ -331,8 +331,12 @@ def test_solution_is_rescued_if_its_checkpoint_cannot_be_written(
 def test_solution_that_is_complete_when_a_signal_comes_is_saved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def save(solution: Solution, path: Path) -> None:
+        signal.raise_signal(signal.SIGTERM)
+        path.touch()
+
     monkeypatch.setattr("glpath.radiosity.solve_radiosity", lambda *_, **__: Solution())
-    monkeypatch.setattr("glpath.cli.radiosity.lift_limit", lambda: signal.raise_signal(signal.SIGTERM))
+    monkeypatch.setattr(Solution, "save", save)
     done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "-q", "--resume")
     assert (done.exit_code, [path.name for path in tmp_path.iterdir()]) == (0, ["s.npz"]), done.stderr
 

@@ -635,8 +635,14 @@ def test_two_gathers_of_other_path_sets_are_not_compared(options: Any, monkeypat
         glpath.element_error(BOX, **options)
 
 
+def test_gather_that_a_time_limit_ends_is_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glpath.rendering.elements.render", lambda *given, **others: SimpleNamespace(path_sets=8))
+    with pytest.raises(glpath.TimeLimitError, match="ended a gather"):
+        glpath.element_error(BOX, spp=16)
+
+
 def test_a_black_picture_has_no_relative_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    black = SimpleNamespace(mean=np.zeros((16, 16, 3)))
+    black = SimpleNamespace(mean=np.zeros((16, 16, 3)), path_sets=16)
     monkeypatch.setattr("glpath.rendering.elements.render", lambda *given, **options: black)
     with pytest.raises(UsageError, match="the picture is black"):
         glpath.element_error(BOX, spp=16)

@@ -714,6 +714,28 @@ def test_chunks_become_as_long_as_they_should_and_shrink_at_the_end():
     assert all(a >= b for a, b in pairwise(sizes[1:]))
 
 
+def test_local_workers_end_within_a_task() -> None:
+    with clusters_connection.Connection("local:1") as connection:
+        task = connection.client.submit(time.sleep, 60, pure=False)
+        while not connection.client.processing()[connection.workers()[0]]:
+            time.sleep(0.05)
+        began = time.monotonic()
+        task.cancel(force=True)
+    assert time.monotonic() - began < 3  # Dask itself waits four seconds
+
+
+def test_chunks_shrink_with_the_time_that_is_left(monkeypatch):
+    clock, ahead = Clock(monkeypatch), []
+    chunks = Chunks([(0, 1_000_000)], 5.0, first=1)
+    with limited(16.0):
+        while clock.ahead < 16.0:  # one worker renders the chunks in order, and always has one in reserve
+            ahead.append(chunks.next(1))
+            if len(ahead) == 2:
+                clock.ahead += 0.01 * ahead[0].count
+                chunks.done(ahead[0], 0.01 * ahead.pop(0).count)
+    assert clock.ahead < 16.3
+
+
 def test_chunks_are_longer_where_merging_would_be_late():
     chunks = Chunks([(0, 1_000_000)], 5.0)
     first = chunks.next(100)

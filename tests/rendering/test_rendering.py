@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -139,6 +141,37 @@ def test_ctrl_c_gives_the_path_sets_done_so_far() -> None:
     assert 0 < film.path_sets < 10**6
     same = glpath.render(BOX, spp=film.path_sets, max_depth=2, resolution=(16, 16))
     np.testing.assert_array_equal(film.mean, same.mean)
+
+
+def _irradiance(**options: Any) -> glpath.Film:
+    return glpath.irradiance("furnace", [[0.5, 0.5, 0.5]], [[0.0, 1.0, 0.0]], integrator="path", **options).film
+
+
+def _frame(**options: Any) -> glpath.Film:
+    return next(
+        iter(glpath.render_frames("furnace", [{"fov": 40.0}], integrator="path", resolution=(8, 8), **options))
+    )
+
+
+def _still(**options: Any) -> glpath.Film:
+    return glpath.render("furnace", camera={"fov": 40.0}, integrator="path", resolution=(8, 8), **options)
+
+
+@pytest.mark.parametrize(
+    ("call", "resumes", "remedy"),
+    [
+        (_irradiance, _irradiance, "the same call with film=film"),
+        (_frame, _still, "(for a frame of render_frames: render)"),
+    ],
+)
+def test_interruption_names_the_call_that_resumes(
+    call: Callable[..., glpath.Film], resumes: Callable[..., glpath.Film], remedy: str
+) -> None:
+    with pytest.raises(glpath.RenderInterrupted, match=re.escape(remedy)) as caught:
+        call(spp=64, on_step=lambda film: signal.raise_signal(signal.SIGINT))
+    film = caught.value.film
+    assert film.path_sets < 64
+    assert resumes(spp=64, film=film).path_sets == 64
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
