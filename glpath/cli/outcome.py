@@ -83,9 +83,8 @@ class Outcome:
         written: list[Path] = []
         if film.path_sets:
             if checkpoint is not None and not checkpoint.is_output:
-                checkpoint.write_missing(
-                    film
-                )  # a signal or too little memory may end the process while it denoises
+                # A signal or too little memory may end the process while it denoises.
+                checkpoint.write_missing(film)
             written, unsaved = write()
             failure = failure or unsaved
         if checkpoint is not None and complete and by_scheduler() and failure is None:

@@ -17,8 +17,6 @@ from glpath.system.signals import ENDING, RECORDS, REPEATED
 # Maximum time, in seconds, for the current path set to end after a terminating signal, such as SIGTERM. The sender
 # kills the process soon after: containers after ten seconds, Slurm after thirty.
 _GRACE = 4.0
-
-
 # Call that resumes a film, for the message of `RenderInterrupted`. `render_frames` takes no film.
 _RESUME = "the same call with film=film (for a frame of render_frames: render)"
 
