@@ -278,7 +278,7 @@ def _stored_colours(rows: Float64) -> Float64:
 
 def _counted_from_one(text: str, rows: dict[str, _Rows], location: SourceLocation) -> str:
     """Return a corner, such as -1/-1/-1, with its negative indices replaced by indices that count from 1."""
-    indices = []
+    indices: list[str] = []
     for (kind, each), word in zip(rows.items(), text.split("/"), strict=False):
         try:
             index = _index(word)
