@@ -28,7 +28,7 @@ from glpath.bake.seams import DARK, Seams, lit_texels
 from glpath.bake.sides import Sides
 from glpath.bake.streamed import Covered, StreamedRays, budget_for, in_memory
 from glpath.bake.texels import Texels, rasterised
-from glpath.errors import SceneError, UsageError, warn
+from glpath.errors import SceneError, UsageError, warn, warning_scope
 from glpath.film.denoise import can_denoise, denoised_lightmap, require_denoiser
 from glpath.film.film import Film
 from glpath.film.image import auto_exposure, check_exposure, encode_png, encode_srgb, luminance
@@ -358,9 +358,10 @@ class Lightmap:
         check_word("materials", materials, get_args(Materials))
         if moz and materials != "keep":
             raise UsageError('moz: MOZ_lightmap is light for materials that are kept; given with "unlit".')
-        if materials == "unlit":
-            return write_unlit(self, path, exposure)
-        return write_kept(self, path, moz)
+        with warning_scope(strict=False) as scope:
+            files = write_unlit(self, path, exposure) if materials == "unlit" else write_kept(self, path, moz)
+        scope.raise_late(files)
+        return files
 
 
 @with_options()
