@@ -137,10 +137,10 @@ def run(
             raise UsageError("sensor: points were given, but the job's paths start at a camera.")
         job = replace(job, sensor=job.sensor.given(sensor.points))
 
-    def film() -> Film:
-        return run_job(job, job.seen(scene), RunOptions(**options), context)
-
-    return with_late_warnings(film, job.strict)
+    film: Film = with_late_warnings(
+        lambda: run_job(job, job.seen(scene), RunOptions(**options), context), job.strict
+    )
+    return film
 
 
 def run_job(
