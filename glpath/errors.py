@@ -11,7 +11,7 @@ import sys
 import sysconfig
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any
@@ -109,7 +109,13 @@ class TimeLimitError(GlpathError):
 
 
 class SceneWarning(UserWarning):
-    """Warning about a scene that is not rendered as intended (no light, nothing in view, a degenerate triangle)."""
+    """Warning about a scene that is not rendered as intended (no light, nothing in view, a degenerate triangle).
+
+    result : result to which the warning applies, if a filter of `warnings` raises the warning; None if the warning
+             came before a result existed
+    """
+
+    result: Any = None
 
 
 class StrictError(GlpathError):
@@ -127,13 +133,18 @@ class WarningScope:
 
     strict : True to raise warnings as errors
     late   : warnings about an existing result; `raise_late` raises them at the end, so that no result is lost
+    raised : warnings about an existing result that a filter of `warnings` raises; `raise_late` raises the first
     """
 
     strict: bool = False
     late: list[str] = field(default_factory=list)
+    raised: list[SceneWarning] = field(default_factory=list)
 
     def raise_late(self, result: Any = None) -> None:
-        """Raise StrictError, with `result` attached, if the scope is strict and has late warnings (see `warn`)."""
+        """Raise the first late warning (see `warn`), with `result` attached, if the scope or a filter raises it.
+
+        The exception is a StrictError in a strict scope, and otherwise the SceneWarning that a filter raised.
+        """
         if self.strict and self.late:
             first, *others = self.late
             more = f" {len(others)} more warnings came after it." if others else ""
@@ -142,6 +153,9 @@ class WarningScope:
             )
             error.result = result
             raise error
+        if self.raised:
+            self.raised[0].result = result
+            raise self.raised[0]
 
 
 _scope: ContextVar[WarningScope | None] = ContextVar("warnings", default=None)
@@ -174,9 +188,10 @@ def current_warnings() -> WarningScope:
 def warn(text: str, late: bool = False) -> None:
     """Issue a SceneWarning that points at the user's line that called glpath, however deep the call stack is.
 
-    late : True if the warning is about an existing result; a strict scope then keeps the result and raises later
+    late : True if the warning is about an existing result; a scope then keeps the result and raises later
 
-    Raises StrictError within a strict `warning_scope`, unless the warning is late or filtered out.
+    Raises StrictError within a strict `warning_scope`, unless the warning is late or filtered out. Raises the
+    SceneWarning if a filter of `warnings` demands it, unless the warning is late and within a `warning_scope`.
     """
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and _is_ours(frame.f_code.co_filename):
@@ -187,15 +202,16 @@ def warn(text: str, late: bool = False) -> None:
         if is_shown and not late:
             raise StrictError(text, "strict takes this warning for an error.")
         scope.late += [text] * is_shown
-    # A filter of `warnings` may turn the warning into an exception. A strict scope suppresses this exception,
-    # because `late` holds the warning.
-    with suppress(SceneWarning) if scope.strict else nullcontext():
-        try:
-            warnings.warn(SceneWarning(text), stacklevel=level)
-        except SceneWarning:
-            raise
-        except Exception:  # of the function or stream that shows warnings; reporting never ends the work
+    try:
+        warnings.warn(SceneWarning(text), stacklevel=level)
+    except SceneWarning as raised:  # by a filter of `warnings`
+        if scope.strict:  # `scope.late` holds the text
             return
+        if not late or _scope.get() is None:
+            raise
+        scope.raised.append(raised)
+    except Exception:  # of the function or stream that shows warnings; reporting never ends the work
+        return
 
 
 def _is_shown(text: str, level: int) -> bool:

@@ -47,7 +47,7 @@ _COVERED = 1 / 3
 #: Smallest page side, a power of two, if the page size is chosen automatically.
 _MIN_PAGE = 64
 #: Largest page side, a power of two, if the page size is chosen automatically.
-_LARGEST_PAGE = 4096
+LARGEST_PAGE = 4096
 #: Fraction of a page that charts are assumed to fill; it determines the density of the first trial.
 _FILLED = 0.95
 #: Ratio of a density that fits to a density that does not, above which trials end.
@@ -90,6 +90,10 @@ _PATIENCE = 2
 #: Factor on the texel density in that test. It shrinks charts so far that only their gutters take space.
 _NEXT_TO_NONE = 1e-3
 _PACKING = "making the atlas"  # work named in errors of the time limit
+
+
+class PageTooSmallError(UsageError):
+    """Error if the charts of a scene do not fit one page."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +183,7 @@ def packed(
     if size is None:
         alone = _packed(xatlas, scene, parts, charts, texels, None)
         longest = max(alone.size)
-        size = min(max(_MIN_PAGE, 2 ** math.ceil(math.log2(longest))), _LARGEST_PAGE)
+        size = min(max(_MIN_PAGE, 2 ** math.ceil(math.log2(longest))), LARGEST_PAGE)
         if longest <= size:
             return _with_splinters(scene, replace(alone, size=(size, size)), density)
     atlas = _packed(xatlas, scene, parts, charts, texels, size)
@@ -194,7 +198,7 @@ def _check_time(
     triangles = sum(len(part) for part, _, _ in parts)
     scene_name = scene.source or scene.name
     if texels is None and size is not None and len(parts) * (1 + _MIN_PADDING) ** 2 > size * size:
-        raise UsageError(
+        raise PageTooSmallError(
             f"a page of {size} x {size} texels is too small: {scene_name} has {len(parts):,} meshes and "
             "instances, each of which is a chart at least.",
             "Give a larger size; or texels instead of it, which takes as many pages as it needs.",
@@ -329,7 +333,7 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
             break
     if found is not None:
         return found
-    raise UsageError(
+    raise PageTooSmallError(
         f"a page of {size} x {size} texels is too small: {int(atlas.chart.max()) + 1} charts with their gutters do "
         "not fit.",
         "Give a larger size; or texels per scene unit, which take as many pages as they need.",

@@ -21,14 +21,14 @@ from typing import Any, Literal, Unpack, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.bake.atlas import MAX_SIZE, Atlas, kept, packed, require_xatlas
+from glpath.bake.atlas import LARGEST_PAGE, MAX_SIZE, Atlas, PageTooSmallError, kept, packed, require_xatlas
 from glpath.bake.outside import outside
 from glpath.bake.pages import pages_of, unlit_regions
 from glpath.bake.seams import DARK, Seams, lit_texels
 from glpath.bake.sides import Sides
 from glpath.bake.streamed import Covered, StreamedRays, budget_for, in_memory
 from glpath.bake.texels import Texels, rasterised
-from glpath.errors import SceneError, UsageError, warn
+from glpath.errors import SceneError, UsageError, warn, warning_scope
 from glpath.film.denoise import can_denoise, denoised_lightmap, require_denoiser
 from glpath.film.film import Film
 from glpath.film.image import auto_exposure, check_exposure, encode_png, encode_srgb, luminance
@@ -119,16 +119,23 @@ class Surfaces:
                 _warn_of_streams(whole)
             sides = Sides.of(still, streamed=streamed is not None)
             area = float((still.areas[:, None] * sides.density**2).sum())
-        require_memory(
-            _BYTES * (_FILLED * (size or DEFAULT_SIZE) ** 2 if texels is None else area * float(texels) ** 2),
-            "lightmap: so many texels",
-            "Give a smaller size." if texels is None else "Give fewer texels per scene unit.",
-        )
-        if uv == "keep":
-            atlas = kept(still, sides.lit, int(size or DEFAULT_SIZE))
-        else:
-            page = DEFAULT_SIZE if size is None and texels is None else size
-            atlas = packed(still, sides.density, texels, None if page is None else int(page), say)
+        page = DEFAULT_SIZE if size is None and texels is None else size
+        while True:
+            require_memory(
+                _BYTES * (_FILLED * (page or DEFAULT_SIZE) ** 2 if texels is None else area * float(texels) ** 2),
+                "lightmap: so many texels",
+                "Give a smaller size." if texels is None else "Give fewer texels per scene unit.",
+            )
+            if uv == "keep":
+                atlas = kept(still, sides.lit, int(page or DEFAULT_SIZE))
+                break
+            try:
+                atlas = packed(still, sides.density, texels, None if page is None else int(page), say)
+                break
+            except PageTooSmallError:
+                if size is not None or page is None or page >= LARGEST_PAGE:
+                    raise
+                page *= 2
         return cls.on(still, atlas, sides, streamed)
 
     @classmethod
@@ -358,9 +365,10 @@ class Lightmap:
         check_word("materials", materials, get_args(Materials))
         if moz and materials != "keep":
             raise UsageError('moz: MOZ_lightmap is light for materials that are kept; given with "unlit".')
-        if materials == "unlit":
-            return write_unlit(self, path, exposure)
-        return write_kept(self, path, moz)
+        with warning_scope(strict=False) as scope:
+            files = write_unlit(self, path, exposure) if materials == "unlit" else write_kept(self, path, moz)
+        scope.raise_late(files)
+        return files
 
 
 @with_options()
@@ -387,7 +395,8 @@ def lightmap(
     ----------
     scene   : scene as for `load_scene`
     texels  : texels per scene unit, on as many pages as needed
-    size    : side of a page, texels; default 512. Without `texels` there is one page with charts as large as fit
+    size    : side of a page, texels; default 512, doubled up to 4096 until all charts fit. Without `texels` there
+              is one page with charts as large as fit
     uv      : "make": make second texture coordinates by xatlas (`glpath[bake]`). "keep": use the second texture
               coordinates of the file, which must be within 0 to 1 and without overlaps
     integrator, options : "auto", "path", "path-buffer" or "gather" and its options, as in `glpath.render`

@@ -73,7 +73,7 @@ def lightmap(
         int | None,
         typer.Option(
             metavar="N",
-            help="Side of a page in texels, by default 512; without --texels there is one page.",
+            help="Side of a page in texels, by default 512 or as needed; without --texels there is one page.",
             rich_help_panel=_ATLAS,
         ),
     ] = None,

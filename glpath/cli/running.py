@@ -75,7 +75,7 @@ def of_file(job: RenderJob, out: Sequence[Path]) -> Start:
     out : outputs, which must not be files that the job's scene reads
     """
     from glpath.rendering.calls import run_job
-    from glpath.rendering.options import strictly
+    from glpath.rendering.options import with_late_warnings
 
     def film(run: RunOptions) -> Film:
         scene = job.seen()
@@ -83,7 +83,7 @@ def of_file(job: RenderJob, out: Sequence[Path]) -> Start:
             check_no_input("-o", path)
         return run_job(job, scene, run)
 
-    return lambda run: strictly(lambda: film(run)) if job.strict else film(run)
+    return lambda run: with_late_warnings(lambda: film(run), job.strict)
 
 
 def denoisable(job: RenderJob) -> RenderJob:

@@ -34,7 +34,7 @@ from glpath.daylight.shard import Shard, shard_range
 from glpath.daylight.sky_patches import SkyPatches
 from glpath.daylight.sun_bins import MAX_BINS, MAX_SUNS, SunBins
 from glpath.daylight.visibility import GEOMETRY_BUDGET, PointVisibility, masked
-from glpath.errors import SceneError, UsageError, warn
+from glpath.errors import SceneError, UsageError, warn, warning_scope
 from glpath.film.bias import Bias
 from glpath.gl.context import open_context
 from glpath.gl.parallel_rays import WORD
@@ -240,10 +240,11 @@ def daylight_coefficients(
                 since = time.perf_counter() - started
                 on_progress(DaylightProgress("shards", done, count, len(positions), since))
 
-        with checkpoint or nullcontext():
+        with warning_scope(strict=False) as scope, checkpoint or nullcontext():
             merged = computed_by(cluster, loaded, positions, facing, of_each, work, checkpoint, shards_done)
             if checkpoint is not None and checkpoint is not resume:
                 checkpoint.remove()
+        scope.raise_late(merged)
         return merged
     if shard is not None:
         first_sensor, end = shard_range(shard, len(positions))

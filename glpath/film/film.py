@@ -138,10 +138,10 @@ class Film(FilmErrors):
             text = {"glpath.exposure_stops": f"{stops:g}", "glpath.tonemap": tonemap}
             picture = self.to_srgb(exposure=stops, tonemap=tonemap, denoise=denoise)
             write = write_png if suffix == ".png" else write_jpeg
+            write(path, picture, self.provenance(denoised=denoise) | text)
             if suffix != ".png" and picture.shape[2] == 4:
                 text_of_white = "a JPEG has no alpha channel, so that its background is white; a .png has one."
                 warn(f"{path}: {text_of_white}", late=True)
-            write(path, picture, self.provenance(denoised=denoise) | text)
         elif suffix == ".exr":
             kinds: dict[str, Kind] = {"object_id": "object", "material_id": "material"}
             mattes = [self.cryptomatte(kind) for name, kind in kinds.items() if name in self.metadata.aovs]

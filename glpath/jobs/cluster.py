@@ -38,7 +38,7 @@ from glpath.film.metadata import merged_values
 from glpath.jobs.chunks import Chunk, Chunks, ChunksFailedError
 from glpath.jobs.connection import Connection, quiet
 from glpath.jobs.worker import Part, Shared, render_part, this_version
-from glpath.rendering.bias import SIDE, BiasCheck
+from glpath.rendering.bias import NO_BIAS, SIDE, BiasCheck
 from glpath.rendering.factory import Plan, sensor_in
 from glpath.rendering.interrupts import RenderInterrupted, interrupt_as_flag
 from glpath.rendering.job import RenderJob
@@ -149,8 +149,13 @@ def _with_small_bias(
     except KeyboardInterrupt:
         raise clock.interruption() from None
     except ContextError as error:
-        log.warning("the bias of the gather cannot be measured here: %s", error.message)
-        plan = plan.without_bias() or plan
+        unbiased = plan.without_bias()
+        if unbiased is None:
+            name = scene.source or scene.name
+            warn(f"{name}: the bias of the gather cannot be measured here: {error.message} {NO_BIAS}", late=True)
+        else:
+            log.warning("the bias of the gather cannot be measured here: %s", error.message)
+            plan = unbiased
     else:
         if interrupted:  # the check does not test the flag while it replaces an engine
             raise clock.interruption(interrupted.signal)

@@ -36,7 +36,9 @@ LOOKS = (6, 12, 24, 48, 64)
 # Correction for standard errors estimated from few sets (Student's t). Divided by the degrees of freedom, it is
 # added to the required number of standard errors.
 _STUDENT = 1.85
-_NO_BIAS = 'integrator="path" has no bias.'
+#: End of warnings about the bias of a gather.
+NO_BIAS = 'integrator="path" has no bias.'
+_NO_TIME = "the time limit left no time"
 _STAGE = "measuring the bias of the gather"
 
 
@@ -109,7 +111,7 @@ class BiasCheck:
     engine_s: float
     probe: BiasProbe | None = None
     statistics: dict[str, Any] | None = None
-    _is_cut_short: bool = False  # True if the time limit ended the measurement
+    _obstacle: str = ""  # reason why the bias was not measured; "" if no attempt failed
 
     def settle(self, plan: Plan, engine: Engine) -> tuple[Plan, Engine]:
         """Return a plan with small enough bias, and its engine; an explicitly chosen integrator is always kept."""
@@ -120,10 +122,7 @@ class BiasCheck:
             replacement = self._in_time(unbiased)
             if replacement is not None:
                 return replacement, self._replaced(engine, replacement)
-            if self._is_cut_short or unbiased is not None:
-                name = self.scene.source or self.scene.name
-                text = f"{name}: the time limit left no time to measure the bias of the gather; {_NO_BIAS}"
-                warn(text, late=True)
+            self._warn_of_unknown_bias(_NO_TIME if unbiased is not None else self._obstacle)
             return plan, engine
         if bias.is_small():
             return plan, engine
@@ -139,15 +138,21 @@ class BiasCheck:
             self.statistics = {REJECTED_GATHER: self.statistics[BIAS_PROBE]}
             return unbiased, self._replaced(engine, unbiased)
         if bias is None:
+            self._warn_of_unknown_bias(self._obstacle)
             return plan, engine
         found = "is" if bias.is_large() else "may be too large: it is"
         name = self.scene.source or self.scene.name
         warn(
             f"{name}: the bias of the gather {found} {bias}. "
-            f"Its radiosity solution may be too coarse for this scene; {_NO_BIAS}",
+            f"Its radiosity solution may be too coarse for this scene; {NO_BIAS}",
             late=True,
         )
         return plan, engine
+
+    def _warn_of_unknown_bias(self, obstacle: str) -> None:
+        if obstacle:
+            name = self.scene.source or self.scene.name
+            warn(f"{name}: {obstacle} to measure the bias of the gather; {NO_BIAS}", late=True)
 
     def _say_unless_interrupted(self, stage: str) -> None:
         """Report a stage. Raises KeyboardInterrupt if the flag is set, because a refined solution takes long."""
@@ -175,9 +180,9 @@ class BiasCheck:
                 self.statistics = {BIAS_PROBE: sums}
                 return bias_of(sums)
         except TimeLimitError:
-            self._is_cut_short = True
-        except (ContextError, SceneError, MemoryError):
-            pass  # not enough memory for two further engines
+            self._obstacle = _NO_TIME
+        except (ContextError, SceneError, MemoryError):  # of two further engines
+            self._obstacle = "there was not enough memory"
         return None
 
     def _replaced(self, engine: Engine, plan: Plan, *, same_solution: bool = True) -> Engine:

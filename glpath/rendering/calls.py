@@ -15,7 +15,7 @@ from glpath.integrators.by_name import Integrator
 from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene
 from glpath.rendering.job import RenderJob, SceneSource, describe, with_alpha, with_overrides
-from glpath.rendering.options import RenderKeywords, strictly, with_options
+from glpath.rendering.options import RenderKeywords, with_late_warnings, with_options
 from glpath.rendering.progress import Progress, reporting
 from glpath.rendering.run_options import RunKeywords, RunOptions
 from glpath.rendering.session import Session
@@ -137,10 +137,10 @@ def run(
             raise UsageError("sensor: points were given, but the job's paths start at a camera.")
         job = replace(job, sensor=job.sensor.given(sensor.points))
 
-    def film() -> Film:
-        return run_job(job, job.seen(scene), RunOptions(**options), context)
-
-    return strictly(film) if job.strict else film()
+    film: Film = with_late_warnings(
+        lambda: run_job(job, job.seen(scene), RunOptions(**options), context), job.strict
+    )
+    return film
 
 
 def run_job(
@@ -169,7 +169,7 @@ def run_job(
 
 
 def warn_about(film: Film, session: Session) -> None:
-    """Give the warnings about a film that the session has rendered; `strict` raises them as errors at the end."""
+    """Give the warnings about a film that the session has rendered; those that are errors are raised at the end."""
     for text in session.remarks(film):
         warn(text, late=True)
 

@@ -362,9 +362,9 @@ def with_options(*, integrators: bool = True, run: bool = True) -> Callable[[Fun
             for name in by_name.keys() - signature.parameters.keys():
                 check_name(name, [*named, *(options() if integrators else ())])
             with limited(by_name.get("time_limit"), resumes=by_name.get("film") is not None):
-                if run and by_name.get("strict"):
-                    return strictly(lambda: function(*given, **by_name))
-                return function(*given, **by_name)
+                return with_late_warnings(
+                    lambda: function(*given, **by_name), strict=run and bool(by_name.get("strict"))
+                )
 
         call.__signature__ = signature.replace(parameters=[*explicit, *further])  # type: ignore[attr-defined]
         text = inspect.cleandoc(function.__doc__ or "")
@@ -380,20 +380,23 @@ def with_options(*, integrators: bool = True, run: bool = True) -> Callable[[Fun
     return decorated
 
 
-def strictly(compute: Callable[[], Any]) -> Any:
-    """Return the result of `compute`. Raises StrictError for a warning; see `RunOptions.strict`."""
-    with warning_scope(strict=True) as scope:
+def with_late_warnings(compute: Callable[[], Any], strict: bool) -> Any:
+    """Return the result of `compute`, after raising the warnings about the result; see `WarningScope.raise_late`.
+
+    strict : True to raise StrictError for a warning; see `RunOptions.strict`
+    """
+    with warning_scope(strict) as scope:
         result = compute()
         if inspect.isgenerator(result):
-            return _each_strictly(result)
+            return _each_with_late_warnings(result, strict)
     scope.raise_late(result)
     return result
 
 
-def _each_strictly(results: Iterator[Any]) -> Iterator[Any]:
+def _each_with_late_warnings(results: Iterator[Any], strict: bool) -> Iterator[Any]:
     end = object()
     while True:
-        with warning_scope(strict=True) as scope:
+        with warning_scope(strict) as scope:
             result = next(results, end)
         scope.raise_late(result)
         if result is end:

@@ -83,7 +83,8 @@ class RunOptions:
     on_progress    : function called about twice a second with a `Progress`
     cluster        : `glpath.jobs.cluster.Cluster`, whose workers share the path sets
     strict         : True to raise StrictError for a `SceneWarning`. Before rendering, the error is raised at once.
-                     For later warnings it is raised at the end, with the result in its field `result`
+                     For later warnings it is raised at the end, with the result in its field `result`. So is a
+                     `SceneWarning` that a filter of `warnings` raises
     """
 
     backend: str = "auto"

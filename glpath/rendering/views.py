@@ -88,7 +88,8 @@ def render_views(
     {options}
 
     Raises the errors of `render`, and UsageError for intrinsics with a skew, or poses that are not a rotation and
-    translation.
+    translation. An exception during the renders, such as that of Ctrl-C, has the films of the finished views in its
+    attribute `films`, in the order of the poses.
 
     Example
     -------
@@ -116,14 +117,21 @@ def render_views(
         spp=run_options.spp(spp),
         **chosen,
     )
-    films = []
-    with Session(job, base, run_options) as session:
-        for camera in seen_by:
-            shown = replace(base, camera=camera)
-            view = replace(job, sensor=CameraSensor.of(camera))
-            with limited(run_options.time_limit, anew=True), reporting_to(run_options) as reported:
-                films.append(session.render(view, shown, reported))
-            warn_about(films[-1], session)
+    films: list[Film] = []
+    try:
+        with Session(job, base, run_options) as session:
+            for camera in seen_by:
+                shown = replace(base, camera=camera)
+                view = replace(job, sensor=CameraSensor.of(camera))
+                with limited(run_options.time_limit, anew=True), reporting_to(run_options) as reported:
+                    films.append(session.render(view, shown, reported))
+                warn_about(films[-1], session)
+    except (Exception, KeyboardInterrupt) as error:
+        error.films = tuple(films)  # type: ignore[union-attr]
+        if films:
+            done = f"{len(films)} of {len(seen_by)} views"
+            error.add_note(f"render_views finished {done}; their films are in the exception's `films`.")
+        raise
     return _views(films, tuple(shape.name for shape in base.shapes))
 
 

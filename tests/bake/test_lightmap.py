@@ -626,6 +626,22 @@ def test_a_matte_material_is_not_warned_of(tmp_path: Path, roughness: float, war
     assert warns or not told
 
 
+@pytest.mark.filterwarnings("error::glpath.errors.SceneWarning")
+def test_lightmap_is_written_whole_before_its_warning_is_raised(tmp_path: Path) -> None:
+    surfaces = Surfaces.of(with_uv1(GOOD), size=40, uv="keep")
+    materials = tuple(replace(material, mirror=np.full(3, 0.5)) for material in surfaces.scene.materials)
+    scene = replace(surfaces.scene, materials=materials)
+    page = np.ones((1, 40, 40, 3), np.float32)
+    film: Any = Mock(bias=lambda: None)
+    seams: Any = None
+    lit = np.ones((1, 40, 40), bool)
+    baked = Lightmap(replace(surfaces, scene=scene), film, page, lit, lit, seams, False)
+    with pytest.raises(SceneWarning, match="mirrors and metal are black") as caught:
+        baked.save(tmp_path / "a.glb", materials="keep")
+    files = {"a.glb", *(f"a-0.lightmap.{suffix}" for suffix in ("exr", "png", "json"))}
+    assert {path.name for path in caught.value.result} == files == {path.name for path in tmp_path.iterdir()}
+
+
 def test_a_name_on_several_pages_says_its_page(tmp_path: Path) -> None:
     """By these names a viewer finds the page of each mesh: the lines of the guide for three.js do."""
     shapes = [{**FLOOR, "name": "tile"}, {**box("block", [0, 0, 0.1], [0.5, 0.5, 0.5]), "name": "tile"}]

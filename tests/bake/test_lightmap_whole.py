@@ -13,7 +13,7 @@ import trimesh
 from typer.testing import CliRunner
 
 import glpath
-from glpath.bake import atlas
+from glpath.bake import atlas, lightmap
 from glpath.bake.lightmap import Surfaces
 from glpath.bake.overlaps import overlapping
 from glpath.bake.sides import Sides, _lit
@@ -292,6 +292,19 @@ def test_what_would_take_an_hour_is_refused_with_an_estimate(monkeypatch: pytest
     many = scene_of(*(box(0.1, (x, y, 0)) for x in range(10) for y in range(10)), **SKY)
     with pytest.raises(UsageError, match="has 100 meshes and instances"):
         Surfaces.of(many, size=16)
+
+
+def test_default_page_grows_until_all_charts_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page that is chosen is the smallest power of two that may be given as a size."""
+    monkeypatch.setattr(lightmap, "DEFAULT_SIZE", 16)
+    many = scene_of(*(box(0.1, (x, y, 0)) for x in range(4) for y in range(4)), **SKY)
+    found = Surfaces.of(many).atlas
+    assert (found.pages, found.size[0] > 16) == (1, True)
+    with pytest.raises(UsageError, match="too small"):
+        Surfaces.of(many, size=found.size[0] // 2)
+    monkeypatch.setattr(lightmap, "LARGEST_PAGE", 16)
+    with pytest.raises(UsageError, match="a page of 16 x 16 texels is too small"):
+        Surfaces.of(many)
 
 
 def test_atlas_that_takes_longer_than_the_time_left_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:

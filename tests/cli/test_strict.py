@@ -151,6 +151,30 @@ def test_strict_frames_and_views_hand_on_what_their_warnings_are_about(late: str
     assert len(caught.value.result) == 1
 
 
+@pytest.mark.filterwarnings("error::glpath.errors.SceneWarning")
+def test_filter_that_raises_warnings_leaves_the_results_they_are_about(late: str) -> None:
+    with pytest.raises(SceneWarning, match=late) as caught:
+        glpath.render("cornell-box-36", **SMALL)
+    assert caught.value.result.path_sets == 1
+    with pytest.raises(SceneWarning, match=late) as caught:
+        next(iter(glpath.render_frames("cornell-box-36", [{}], **SMALL)))
+    assert caught.value.result.path_sets == 1
+    K = [[6.0, 0.0, 4.0], [0.0, 6.0, 4.0], [0.0, 0.0, 1.0]]
+    with pytest.raises(SceneWarning, match=late) as caught:
+        glpath.render_views("cornell-box-36", [np.eye(4)] * 2, K, spp=1, max_depth=1)
+    assert len(caught.value.result) == 2
+    assert current_warnings().raised == []
+
+
+@pytest.mark.filterwarnings("error::glpath.errors.SceneWarning")
+def test_transparent_jpeg_is_written_before_its_warning_is_raised(make_film: MakeFilm, tmp_path: Path) -> None:
+    film = make_film([], transparent=True, aovs=("depth",), exposure=0.0)
+    film.add(0, 1, np.ones((4, 6, 3)), {"depth": np.ones((4, 6, 2))})
+    with pytest.raises(SceneWarning, match="a JPEG has no alpha channel"):
+        film.save(tmp_path / "a.jpg")
+    assert (tmp_path / "a.jpg").read_bytes()[:2] == b"\xff\xd8"  # start of image, ISO/IEC 10918-1
+
+
 def test_dropped_samples_are_warned_of(make_film: MakeFilm) -> None:
     plan = plan_of(PathSettings())
     (text,) = remarks_of(plan, make_film([(0, 32)], statistics={"dropped_samples": 3}))

@@ -161,6 +161,18 @@ def test_warnings_of_shards_reach_the_process_that_asks_once(tmp_path: Path) -> 
     assert len(told) == 1
 
 
+@pytest.mark.filterwarnings("error::glpath.errors.SceneWarning")
+def test_shard_warning_that_a_filter_raises_leaves_the_coefficients(monkeypatch: pytest.MonkeyPatch) -> None:
+    def computed(*_: Any) -> str:
+        warn("odd in a shard", late=True)
+        return "coefficients"
+
+    monkeypatch.setattr(by_workers, "computed_by", computed)
+    with pytest.raises(SceneWarning, match="odd in a shard") as caught:
+        daylight_coefficients(veiled(), AT, UP, **QUICK, cluster=Cluster.__new__(Cluster))
+    assert caught.value.result == "coefficients"
+
+
 def test_a_worker_collects_the_warnings_of_its_shard(monkeypatch: pytest.MonkeyPatch) -> None:
     def compute(*_: Any, **__: Any) -> str:
         warn("odd in a shard")

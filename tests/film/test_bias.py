@@ -253,7 +253,10 @@ def test_where_there_is_no_room_for_the_probe_the_bias_is_not_known(monkeypatch:
         raise ContextError("no room")
 
     monkeypatch.setattr("glpath.rendering.bias.block_means", full)
-    film = glpath.render("cornell-box-36", **GATHER)
+    text = "not enough memory to measure the bias of the gather"
+    with pytest.warns(SceneWarning, match=text), pytest.raises(glpath.StrictError, match=text) as caught:
+        glpath.render("cornell-box-36", **GATHER, strict=True)
+    film = caught.value.result
     assert film.path_sets == 16
     assert film.bias() is None
     assert film.metadata.integrator == "gather"

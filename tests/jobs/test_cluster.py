@@ -21,6 +21,7 @@ from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ from typer.testing import CliRunner
 
 import glpath
 from glpath.cli.main import app
-from glpath.errors import ContextError, GlpathError, TimeLimitError, UsageError
+from glpath.errors import ContextError, GlpathError, SceneWarning, TimeLimitError, UsageError, warning_scope
 from glpath.film.batches import BLOCK
 from glpath.film.film import Film
 from glpath.jobs import cluster as clusters
@@ -784,3 +785,20 @@ def test_including_a_film_of_another_render_changes_nothing():
         film.include(run(job_of(8)))
     assert np.array_equal(film.radiance_sums, before)
     assert film.path_sets == 8
+
+
+def test_gather_whose_bias_no_device_can_measure_is_an_error_if_strict(monkeypatch: pytest.MonkeyPatch) -> None:
+    options, plan, scene, clock = MagicMock(), MagicMock(), MagicMock(source="room.toml"), MagicMock()
+    options.context.side_effect = ContextError("no device.")
+    monkeypatch.setattr(clusters, "sensor_in", MagicMock())
+    monkeypatch.setattr(clusters, "metadata_of", MagicMock())
+    monkeypatch.setattr(clusters, "describe_plan", MagicMock())
+    clock.film.metadata.statistics = {}
+    asked = plan, MagicMock(), scene, MagicMock(), options, clock
+    with warning_scope(strict=True) as scope:
+        assert clusters._with_small_bias(*asked) is plan.without_bias.return_value
+        assert scope.late == []
+        plan.without_bias.return_value = None
+        with pytest.warns(SceneWarning, match="cannot be measured here: no device"):
+            assert clusters._with_small_bias(*asked) is plan
+    assert len(scope.late) == 1

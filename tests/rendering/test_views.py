@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import count
 from typing import Any
 
 import numpy as np
 import pytest
 
 import glpath
-from glpath.errors import GlpathError
+from glpath.errors import ContextError, GlpathError, TimeLimitError
+from glpath.film.film import Film
+from glpath.rendering.session import Session
 from glpath.scene import Scene
 
 K = np.array([[50.0, 0.0, 24.0], [0.0, 50.0, 16.0], [0.0, 0.0, 1.0]])
@@ -102,6 +105,27 @@ def test_a_view_is_the_picture_of_the_same_camera() -> None:
     )
     alone = glpath.render(camera, spp=4, integrator="path", max_depth=1)
     np.testing.assert_allclose(views.rgb[0], alone.mean, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("failure", [KeyboardInterrupt, ContextError("the device is lost"), TimeLimitError("over")])
+def test_failure_in_a_view_keeps_the_films_of_the_views_before_it(
+    failure: BaseException | type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    render, calls = Session.render, count()
+
+    def failing(*given: Any) -> Film:
+        if next(calls) == 2:
+            raise failure
+        return render(*given)
+
+    poses, options = [looking(eye) for eye in POSES], {"spp": 1, "integrator": "path", "max_depth": 1}
+    whole = glpath.render_views(balls(), poses, K, **options)
+    monkeypatch.setattr(Session, "render", failing)
+    with pytest.raises(BaseException) as caught:  # noqa: PT011  # whatever was raised
+        glpath.render_views(balls(), poses, K, **options)
+    assert caught.type is (failure if isinstance(failure, type) else type(failure))
+    assert [film.mean.tolist() for film in caught.value.films] == whole.rgb[:2].tolist()  # type: ignore[attr-defined]
+    assert "2 of 3 views" in caught.value.__notes__[0]
 
 
 @pytest.mark.parametrize("integrator", ["path", "path-buffer", "t-buffer", "classic"])

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from glpath.accel import bvh
-from glpath.errors import ImageError, UsageError, warn
+from glpath.errors import ImageError, UsageError, warn, warning_scope
 from glpath.radiosity.memory import require_memory
 from glpath.radiosity.view_factors.backs import back_rays, back_shares, is_closed
 from glpath.radiosity.view_factors.faces import Faces, Geometry, faces_of
@@ -196,7 +196,7 @@ def view_factors(
         check_writable(resume)
     kept = ViewFactorCheckpoint(Path(resume)) if isinstance(resume, str | Path) else resume
     run = _Run(error, min(threads or core_count(), core_count()), kept, on_progress)
-    with ExitStack() as held:
+    with warning_scope(strict=False) as scope, ExitStack() as held:
         if kept is not None:
             held.enter_context(kept)
         held.enter_context(announced(waiting(kernels_of()), run.compiling if on_progress is not None else None))
@@ -208,6 +208,7 @@ def view_factors(
             found = found.enforced(reciprocity="reciprocity" in corrections, closure="closure" in corrections)
         if kept is not None and kept is not resume:
             kept.remove()
+    scope.raise_late(found)
     return found
 
 

@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -423,7 +424,12 @@ def test_wrong_options_are_explained(options, message: str) -> None:  # type: ig
 def test_faces_that_are_there_twice_are_told_of() -> None:
     vertices, faces = box_faces([0, 0, 0], [1, 1, 1], 1, inward=True)
     with pytest.warns(glpath.SceneWarning, match=r"5 of 7 rows add up to more than 1, row [1-5] to 1\.2"):
-        glpath.view_factors((vertices, [*faces, faces[0]]))
+        found = glpath.view_factors((vertices, [*faces, faces[0]]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(glpath.SceneWarning, match="5 of 7 rows") as caught:
+            glpath.view_factors((vertices, [*faces, faces[0]]))
+    assert np.array_equal(caught.value.result.matrix.toarray(), found.matrix.toarray())
 
 
 def test_labels_may_be_of_any_kind() -> None:
