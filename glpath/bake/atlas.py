@@ -318,7 +318,7 @@ def _fitted(xatlas: Any, scene: Scene, parts: list[Part], size: int) -> Atlas:
             else:
                 over = texels, longest
             if charts is not None and best is not None and fits[1] >= _LARGE_STEP * size:
-                break  # a packing this large suffices, because each trial takes seconds
+                break  # the packing nearly fills the page, and a further trial costs seconds
             if over[0] <= fits[0] / _STEP or (best is not None and not math.isfinite(over[0])):
                 break
             if trial == _PATIENCE and best is None:
@@ -357,7 +357,9 @@ def _between(fits: tuple[float, float], over: tuple[float, float], size: int) ->
 
 
 def _charts(xatlas: Any, scene: Scene, parts: list[Part], texels: float) -> list[Charts] | None:
-    """Return each part's charts in units of `_unit`; None for few sides, for which each packing makes its charts.
+    """Return each part's charts in units of `_unit`; None if each packing makes the charts anew.
+
+    A packing makes them anew if the parts have few triangle sides in all.
 
     texels : approximate texels per scene unit of the later packing; xatlas stretches charts to whole texels
 

@@ -53,7 +53,8 @@ _COLOURS = [
 MAX_FRAMES = 100_000
 # Maximum number of a frame.
 _MAX_NUMBER = 999_999_999
-# File name with one placeholder for the number of a frame, such as frame_{:04}.png; at most 99 digits.
+# File name with one placeholder for the number of a frame, such as frame_{:04}.png. The placeholder's width is at
+# most 99.
 _FRAME_NUMBER = re.compile(r"[^{}]*\{0?(?::0?[0-9]{0,2}d?)?\}[^{}]*")
 
 

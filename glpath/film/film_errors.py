@@ -145,7 +145,7 @@ class FilmErrors(FilmSums):
         return None if probe is None else bias_of(probe)
 
     def rejected_bias(self) -> Bias | None:
-        """Return the bias of the gather that "path" replaced; None if no gather was rejected."""
+        """Return the bias of a gather that was rejected for the integrator "path"; None if none was rejected."""
         probe = self.metadata.statistics.get(REJECTED_GATHER)
         return None if probe is None else bias_of(probe)
 

@@ -239,7 +239,7 @@ class FilmSums:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for pickle without empty batches, because eight path sets of a worker fill only one."""
+        """Return the state for pickle without empty batches. A worker's film of few path sets fills one batch."""
         # Fields that are derived from others, or belong to this process, are not pickled.
         derived = {each.name: None for each in fields(self) if not each.init}
         return {**vars(self), "radiance_sums": used_sums(self.radiance_sums, self.batch_counts), **derived}

@@ -426,7 +426,7 @@ def _day_of_year(times: Times) -> NDArray[np.int64]:
 
 
 def _with_missing_hours(times: Times, periods: list[tuple[int, int]]) -> Times:
-    """Return `times`, which are of one year, and all hours of the periods in which no time lies, ascending.
+    """Return `times`, all of one year, and each hour of the periods that contains none of them, in ascending order.
 
     Times need not be full hours. 29 February is left out if it has no hour in `times`, because typical years have
     no such day.

@@ -52,9 +52,10 @@ class LightSample:
 
     @property
     def cube_faces(self) -> int:
-        """Number of faces of a cube around the light, with its top along the axis, that the light passes through.
+        """Number of faces through which emission leaves a cube around the light source.
 
-        It is 1 for the top alone, 5 for top and sides, or 6.
+        The cube's top lies in the direction of the light's axis. The number is 1 for the top alone, 5 for top and
+        sides, or 6.
         """
         if self.kind == "spot":
             return 1 if self.cone[1] >= np.sqrt(0.5) else 5 if self.cone[1] >= 0 else 6
@@ -91,7 +92,7 @@ class LightSamples:
 
     @classmethod
     def dark(cls, n: int) -> LightSamples:
-        """Return the samples of a scene without light: black points."""
+        """Return n samples of area lights with zero radiance, for a scene without light."""
         samples = cls.empty(n)
         samples.kind[:] = LIGHT_KINDS.index("area")
         samples.direction[:] = (0.0, 0.0, 1.0)

@@ -36,7 +36,7 @@ LOOKS = (6, 12, 24, 48, 64)
 # Correction for standard errors estimated from few sets (Student's t). Divided by the degrees of freedom, it is
 # added to the required number of standard errors.
 _STUDENT = 1.85
-#: End of warnings about the bias of a gather.
+#: Last sentence of each warning about the bias of a gather.
 NO_BIAS = 'integrator="path" has no bias.'
 _NO_TIME = "the time limit left no time"
 _STAGE = "measuring the bias of the gather"

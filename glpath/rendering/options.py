@@ -46,7 +46,7 @@ ALL = "all"
 
 _WIDTH = 110
 
-#: Options of other programs and what they are called here, if the names are too different for similar spelling.
+#: Our names for options of other programs, to suggest where a search for similar spelling would not find them.
 _ELSEWHERE = {
     "width": "resolution=(width, height)",
     "height": "resolution=(width, height)",

@@ -315,7 +315,7 @@ def checked_points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Floa
 
 
 def _around(axes: Float64) -> Float64:
-    """Return (S, N, 3) unit directions across unit axes (N, 3), evenly spaced around each axis."""
+    """Return (S, N, 3): S unit directions perpendicular to each unit axis (N, 3), evenly spaced around the axis."""
     beside = np.cross(axes, np.eye(3)[np.argmin(np.abs(axes), axis=1)])
     beside /= np.linalg.norm(beside, axis=1, keepdims=True)
     angle = 2 * np.pi * (np.arange(_AROUND) + 0.5)[:, None, None] / _AROUND

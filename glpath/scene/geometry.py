@@ -555,7 +555,7 @@ def sphere_areas(spheres: Float64) -> Float64:
 
 
 def ellipsoid_area(world_from_unit: Float64) -> float:
-    """Return the surface area of a sphere (3, 4), which may be an ellipsoid, by quadrature, scene units squared."""
+    """Return the area of the ellipsoid that a transform (3, 4) makes of the unit sphere, in scene units squared."""
     linear = world_from_unit[:, :3]
     z, weight = np.polynomial.legendre.leggauss(64)
     phi = 2 * np.pi * (np.arange(128) + 0.5) / 128

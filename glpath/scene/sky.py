@@ -331,7 +331,9 @@ class _Tables(NamedTuple):
 
 
 def _chosen(cdf: Float64, row: NDArray[np.intp], u: Float64) -> tuple[NDArray[np.intp], Float64]:
-    """Return entries of tables cdf (R, n + 1), selected by u (N,) in [0, 1), and the remainder of u, rescaled.
+    """Return (N,) indices that u (N,) in [0, 1) selects in cumulative tables cdf (R, n + 1), and a new u.
+
+    The new u is the position of u between its entry and the next one, from 0 to 1.
 
     row : (N,) index of the table for each u
     """

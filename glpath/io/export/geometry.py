@@ -27,7 +27,10 @@ class Notes:
         self._subjects: dict[tuple[str, str], dict[str, None]] = {}
 
     def add(self, text: str, kind: str = "", name: str = "") -> None:
-        """Add a difference. kind, name: the material, light or shape that it concerns, if any."""
+        """Add a difference between the scene and its file.
+
+        kind, name : kind and name of what differs: "material", "light" or "shape"; empty if it is the whole scene
+        """
         self._subjects.setdefault((kind, text), {})[name] = None
 
     @property
@@ -81,7 +84,10 @@ def in_triangles(scene: Scene, notes: Notes) -> Scene:
 
 
 def scene_size(scene: Scene) -> float:
-    """Return the diagonal of the scene without infinite planes; the camera's distance if it has no extent."""
+    """Return the diagonal of the scene's bounds, without infinite planes.
+
+    If the scene is one point, the result is the distance of the camera to this point, or 1.
+    """
     low, high = scene.bounds
     return float(np.linalg.norm(high - low)) or float(np.linalg.norm(scene.camera.position - low)) or 1.0
 

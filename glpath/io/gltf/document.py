@@ -221,7 +221,7 @@ class Document:
         return content
 
     def lacks_picture(self, uri: str, location: SourceLocation) -> bool:
-        """Return True if a URI names a missing file, and note it in `files`. Raises SceneError."""
+        """Return True if a URI's file cannot be used, and note it in `files`. Raises SceneError for a wrong URI."""
         if uri[:5].lower() == "data:":
             return False
         name = _file_name(uri, location)

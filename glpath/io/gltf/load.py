@@ -248,7 +248,8 @@ def _camera(document: Document, nodes: Nodes, index: int, paths: NodePaths | Non
     if found is None or paths is None or paths.of(index) is None:
         return found
     others = [camera_of(document, table, world[index]) for world in paths.world]
-    times = paths.times[[each is not None for each in others]]  # the others are scaled to nothing
+    # At times at which the node is scaled to nothing, there is no camera.
+    times = paths.times[[each is not None for each in others]]
     return found.through(times, [each for each in others if each is not None])
 
 
