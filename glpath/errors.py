@@ -132,11 +132,13 @@ class WarningScope:
     """Handling of warnings in one call or command.
 
     strict : True to raise warnings as errors
+    of_command : True for the scope of a command
     late   : warnings about an existing result; `raise_late` raises them at the end, so that no result is lost
     raised : warnings about an existing result that a filter of `warnings` raises; `raise_late` raises the first
     """
 
     strict: bool = False
+    of_command: bool = False
     late: list[str] = field(default_factory=list)
     raised: list[SceneWarning] = field(default_factory=list)
 
@@ -162,18 +164,21 @@ _scope: ContextVar[WarningScope | None] = ContextVar("warnings", default=None)
 
 
 @contextmanager
-def warning_scope(strict: bool) -> Iterator[WarningScope]:
+def warning_scope(strict: bool, of_command: bool = False) -> Iterator[WarningScope]:
     """Context in which warnings become errors if `strict` is True.
 
-    In a strict context, `warn` raises StrictError, or records a late warning for `raise_late`. A nested strict
-    context makes the outer context strict. Late warnings of a nested context go to the outer context.
+    In a strict context, `warn` raises StrictError, or records a late warning for `raise_late`. A strict context
+    within that of a command makes the latter strict. Within a call that is not strict, such as in its `on_step`, it
+    stands alone. In all other cases, late warnings of a nested context go to the outer context.
+
+    of_command : True for the context of a command
     """
     outer = _scope.get()
-    if outer is not None:
+    if outer is not None and (outer.of_command or outer.strict or not strict):
         outer.strict |= strict
         yield WarningScope()
         return
-    token = _scope.set(scope := WarningScope(strict))
+    token = _scope.set(scope := WarningScope(strict, of_command))
     try:
         yield scope
     finally:

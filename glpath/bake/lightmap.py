@@ -124,7 +124,7 @@ class Surfaces:
             require_memory(
                 _BYTES * (_FILLED * (page or DEFAULT_SIZE) ** 2 if texels is None else area * float(texels) ** 2),
                 "lightmap: so many texels",
-                "Give a smaller size." if texels is None else "Give fewer texels per scene unit.",
+                _fewer_texels(texels, size),
             )
             if uv == "keep":
                 atlas = kept(still, sides.lit, int(page or DEFAULT_SIZE))
@@ -527,6 +527,13 @@ def _check_shines(scene: Scene) -> None:
             f"{scene.source or scene.name}: has no light, so there is nothing to bake.",
             "Give the scene a light or a sky.",
         )
+
+
+def _fewer_texels(texels: float | None, size: int | None) -> str:
+    """Return the remedy for a page that takes too much memory."""
+    if texels is not None:
+        return "Give fewer texels per scene unit."
+    return "Give a smaller size." if size is not None else "Give `texels`, or a model of fewer parts."
 
 
 def _without_surfaces(scene: Scene) -> SceneError:

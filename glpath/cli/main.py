@@ -84,7 +84,8 @@ class Commands(TyperGroup):
 
     def _invoke(self, ctx: Any) -> Any:
         signals = signals_wait_for_results(asks_to_resume(typed_words(ctx)))
-        with _warnings_and_logs_as_lines(), recorded_inputs(), signals, warning_scope(strict=False) as scope:
+        of_command = warning_scope(strict=False, of_command=True)
+        with _warnings_and_logs_as_lines(), recorded_inputs(), signals, of_command as scope:
             try:
                 done = super().invoke(ctx)
                 scope.raise_late()

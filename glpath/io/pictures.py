@@ -166,7 +166,7 @@ def _check_decoding(opened: Any) -> None:
                 f"its tiles of {width:,} x {height:,} pixels are larger than the picture of {pixels:,}",
                 "Write it anew.",
             )
-    run_lengths = any(tile[0] == "bmp_rle" for tile in opened.tile)
+    run_lengths = any(tile[0] == "bmp_rle" for tile in getattr(opened, "tile", ()))
     if run_lengths and pixels > _RUN_LENGTH_PIXELS:  # Pillow's decoder takes 0.1 us per pixel
         raise ImageError(f"it is a BMP of run lengths with {pixels:,} pixels", "Write it without compression.")
 

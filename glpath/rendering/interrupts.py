@@ -7,7 +7,7 @@ import queue
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from types import FrameType
 
 from glpath.errors import kept_in
@@ -62,8 +62,9 @@ class Flag:
             yield
         finally:
             self._whole = False
-            while self._waiting:
-                self._waiting.pop(0)()
+            with ExitStack() as calls:  # calls all, even if one raises
+                while self._waiting:
+                    calls.callback(self._waiting.pop())
 
     def call(self, handler: Callable[[], object]) -> None:
         """Call the handler of a signal, after the block of `whole` if that runs."""
@@ -105,12 +106,18 @@ class Flag:
             self.call(break_in)
 
 
+def _is_of_asyncio(handler: object) -> bool:
+    """Return True for the handler of Ctrl-C that `asyncio.run` installs, which only cancels the task."""
+    return getattr(getattr(handler, "func", None), "__module__", "") == "asyncio.runners"
+
+
 @contextmanager
 def interrupt_as_flag() -> Iterator[Flag]:
     """Context in which Ctrl-C sets a flag instead of interrupting a path set; a second Ctrl-C interrupts.
 
-    The same applies to each signal of `TERMINATING` if the command line has installed its handler. A handler that
-    another program has installed is called as usual, but never while path sets are added to a film. Each signal has
+    The same applies to each signal of `TERMINATING` if the command line has installed its handler, and to Ctrl-C
+    within `asyncio.run`. A handler that another program has installed is called as usual, but never while path sets
+    are added to a film. Each signal has
     its own handler, because a shell starts background jobs with SIGINT ignored. In other threads than the main
     thread, which get no signals, it has no effect.
     After a signal, a command's further signals wait, because the command then cleans up and saves its result.
@@ -132,7 +139,7 @@ def interrupt_as_flag() -> Iterator[Flag]:
     handled = {
         number: handler
         for number, handler in handlers.items()
-        if RECORDS or number == signal.SIGINT or handler is signal.default_int_handler
+        if RECORDS or handler is signal.default_int_handler or _is_of_asyncio(handler)
     }
     others = {number: handler for number, handler in handlers.items() if number not in handled}
     for command in RECORDS if handled else ():
@@ -150,4 +157,5 @@ def interrupt_as_flag() -> Iterator[Flag]:
         for command in RECORDS if flag else ():
             command.held = True
         for number, handler in handlers.items():
-            signal.signal(number, handler)
+            if signal.getsignal(number) in (stop, pass_on):  # otherwise a handler has installed another one
+                signal.signal(number, handler)

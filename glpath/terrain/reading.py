@@ -41,6 +41,10 @@ _IN_DEGREES = re.compile(
     rb'\A\s*(COMPD_CS\["[^"]*",\s*)?GEOG(CS|CRS|RAPHIC)|^\s*(Projection\s+GEOGRAPHIC|Units\s+(DD|DS|DMS)\b)',
     re.IGNORECASE | re.MULTILINE,
 )
+_IN_METRES = re.compile(
+    rb"\A\s*(COMPD_CS\[.*)?(PROJ(CS|CRS)|LOCAL_CS|ENGCRS)|^\s*Units\s+(METERS?|METRES?|FEET)\b",
+    re.IGNORECASE | re.MULTILINE,
+)
 # Maximum distance of samples in degrees: a grid of the world by tenths of a degree.
 _MAX_DEGREES = 0.1
 # Radius of the earth at the equator, metres.
@@ -204,16 +208,18 @@ def _ascii_grid(path: Path, holes: bool) -> HeightField:
     heights = values.reshape(rows, columns)
     north = south + (rows - 1) * apart[1]
     field = HeightField.of(heights, apart, (west, north), mask=heights != no_data, holes=holes, source=str(path))
-    in_degrees = False
+    in_degrees = in_metres = False
     if (beside := _file_beside(path, (".prj",))) is not None:
         # A file that cannot be read counts as absent, and so does a link that leads out of the folder.
         with suppress(OSError, SceneError):
             _check_beside(beside, path)
             projection = read_bytes(beside, _MAX_BESIDE_BYTES).removeprefix(codecs.BOM_UTF8)
             in_degrees = _IN_DEGREES.search(projection) is not None
+            in_metres = _IN_METRES.search(projection) is not None
     if in_degrees:
         raise _degrees(path)
-    _warn_of_degrees(field)
+    if not in_metres:
+        _warn_of_degrees(field)
     return field
 
 

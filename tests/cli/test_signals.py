@@ -197,6 +197,39 @@ def test_handler_of_another_program_is_called_and_ends_no_render() -> None:
         signal.signal(signal.SIGHUP, before)
 
 
+def test_handler_of_ctrl_c_of_another_program_is_called_and_may_install_another() -> None:
+    numbers: list[int] = []
+
+    def once(number: int, frame: FrameType | None) -> None:
+        numbers.append(number)
+        signal.signal(number, signal.SIG_IGN)
+
+    before = signal.signal(signal.SIGINT, once)
+    try:
+        with interrupt_as_flag() as flag:
+            signal.raise_signal(signal.SIGINT)
+        assert (numbers, bool(flag)) == ([signal.SIGINT], False)
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_all_handlers_that_wait_are_called_even_if_one_raises() -> None:
+    flag, called = Flag(), []
+
+    def fail() -> None:
+        raise KeyboardInterrupt
+
+    def add() -> None:
+        with flag.whole():
+            flag.call(fail)
+            flag.call(lambda: called.append("second"))
+
+    with pytest.raises(KeyboardInterrupt):
+        add()
+    assert called == ["second"]
+
+
 def test_first_ctrl_c_ends_a_render_within_asyncio() -> None:
     """The handler of `asyncio.run` cancels its task, which a render keeps from running."""
 

@@ -265,3 +265,19 @@ def test_strict_call_leaves_other_threads_alone() -> None:
         thread.start()
         thread.join()
     assert found == [False]
+
+
+def test_strict_call_within_a_call_that_is_not_strict_raises_by_itself() -> None:
+    """As from `on_step`; within a command, the error waits until the command has saved its result."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with warning_scope(strict=False) as outer:
+            with warning_scope(strict=True) as inner, pytest.warns(SceneWarning):
+                warn("late", late=True)
+            with pytest.raises(StrictError) as caught:
+                inner.raise_late("inner")
+        outer.raise_late("outer")
+    assert (caught.value.result, outer.strict) == ("inner", False)
+    with warning_scope(strict=False, of_command=True) as command, warning_scope(strict=True):
+        pass
+    assert command.strict

@@ -277,6 +277,12 @@ def test_prj_file_that_says_nothing_of_degrees_does_not_hide_them(tmp_path: Path
         load_height_field(path)
 
 
+@pytest.mark.parametrize("text", [b'PROJCS["UTM"]', b'LOCAL_CS["site"]', b"Projection UTM\nUnits METERS\n"])
+def test_prj_file_of_metres_answers_for_small_samples(tmp_path: Path, text: bytes) -> None:
+    (tmp_path / "a.prj").write_bytes(text)
+    load_height_field(ascii_grid(tmp_path / "a.asc", header=ASC.replace("cellsize 2", "cellsize 0.00083333")))
+
+
 @pytest.mark.parametrize("linked", [True, False])
 def test_prj_file_that_is_not_read_counts_as_absent(tmp_path: Path, linked: bool) -> None:
     """A link that leads out of the folder is not followed, and a file of 5,000 bytes is too large."""

@@ -30,8 +30,9 @@ _FINE = 8
 _OFF = 1e-6
 #: Number of points that a thread tests at a time.
 _TOGETHER = 1 << 12
-# Minimum area of a piece of a lamp, as a fraction of its shape's area, at which it may make a closed shape a room.
-_PIECE = 1e-3
+# Area of a piece of a lamp, as a fraction of the largest piece of its shape and of the area of a closed shape
+# around it, up to which it does not make the closed shape a room.
+_PIECE, _PIECE_IN_SHAPE = 1e-3, 1e-4
 
 
 @dataclass(frozen=True)
@@ -189,14 +190,16 @@ def _inhabited(scene: Scene, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
     closed : (shapes,) bool, True for the shapes to test
 
-    One point represents each piece of a lamp, because a shape may hold the lamps of several rooms. Pieces much
-    smaller than their lamp do not count: a pin of a lamp may end in a slab.
+    One point represents each piece of a lamp, because a shape may hold the lamps of several rooms. A piece does
+    not count if it is small against the largest piece of its shape and against the closed shape around it, because
+    a pin of a lamp may end in a slab.
     """
     inside = np.zeros(len(scene.shapes), bool)
     points = np.stack([
         scene.camera.at().position,
         *(light.position for light in scene.lights if light.kind != "directional"),
     ])  # fmt: skip
+    counted_area = np.full(len(points), np.inf)
     emits = np.array([shape.emits for shape in scene.shapes], bool)
     lamps = np.flatnonzero(emits[scene.triangle_shape])
     if len(lamps):
@@ -206,17 +209,21 @@ def _inhabited(scene: Scene, closed: NDArray[np.bool_]) -> NDArray[np.bool_]:
         order = np.lexsort((-areas, piece))  # the largest triangle of each piece comes first
         of_piece, first = np.unique(piece[order], return_index=True)
         largest = lamps[order[first]]
-        of_lamp = np.bincount(scene.triangle_shape[lamps], areas)[scene.triangle_shape[largest]]
-        largest = largest[np.bincount(piece, areas)[of_piece] > _PIECE * of_lamp]
+        piece_area, shape_of_piece = np.bincount(piece, areas)[of_piece], scene.triangle_shape[largest]
+        largest_area = np.zeros(len(scene.shapes))
+        np.maximum.at(largest_area, shape_of_piece, piece_area)
+        piece_area[piece_area > _PIECE * largest_area[shape_of_piece]] = np.inf
         middles = scene.triangles[largest].mean(axis=1)
         off = 1e-6 * np.ptp(scene.triangles.reshape(-1, 3), axis=0).max() * scene.normals[largest]
         both = np.array([shape.emission_two_sided for shape in scene.shapes], bool)[scene.triangle_shape[largest]]
         points = np.concatenate([points, middles + off, (middles - off)[both]])
+        counted_area = np.concatenate([counted_area, piece_area, piece_area[both]])
     for number in np.flatnonzero(closed):
         check_time()
         corners = scene.triangles[scene.shapes.ranges[number]]
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        near = points[((points > low) & (points < high)).all(axis=1)]
+        area = scene.areas[scene.shapes.ranges[number]].sum()
+        near = points[((points > low) & (points < high)).all(axis=1) & (counted_area > _PIECE_IN_SHAPE * area)]
         for point in near:
             check_time()
             if abs(winding_number(corners, point)) > 0.5:

@@ -175,6 +175,13 @@ def test_rooms_are_no_solids_if_one_shape_holds_the_lamps_of_all(joined):
     assert np.unique(scene.triangle_shape[solids.solid]).tolist() == [len(lamps) + 2]
 
 
+def test_a_room_is_lit_by_a_lamp_of_a_shape_with_a_much_larger_one():
+    walls = part(cuboid((0, 0, 0), (5, 5, 3)), two_sided=True)
+    lamp, panel = rectangle((2, 2, 2.9), (1, 0, 0), (0, 1, 0)), rectangle((50, 0, 9), (50, 0, 0), (0, 50, 0))
+    scene = room(walls, part(np.concatenate([lamp, panel]), emission=1.0))
+    assert not Solids.of(scene, scene.triangle_shape == 0).solid.any()
+
+
 def test_a_pin_of_a_lamp_makes_no_room_of_the_block_that_it_ends_in():
     block = part(cuboid((0, 0, 0), (1, 1, 1)))
     lamp = np.concatenate(
