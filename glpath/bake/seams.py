@@ -171,7 +171,7 @@ def lit_texels(lit: Bools, baked: Bools) -> Bools:
 def _minimise(
     system: Any, right: Float64, given: Float64, held: NDArray[np.bool_], near: NDArray[np.bool_]
 ) -> tuple[Float64, NDArray[np.bool_]]:
-    """Solve a symmetric system for right sides (N, C) with solutions (N, C) that are not negative.
+    """Solve a symmetric linear system for C right sides of length N, so that no solution is negative.
 
     Returns the solutions, and (N, C) bool, True for solutions that are held at zero. Negative solutions are held,
     and held solutions that the system pulls above zero are released.

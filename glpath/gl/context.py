@@ -93,7 +93,8 @@ class Context:
         llvmpipe = self.info.renderer.startswith("llvmpipe")
         self._fences = HeldFences(self._opened.loader.load_opengl_function) if llvmpipe else None
         self._signals = SignalsWait(Context.__exit__.__code__)
-        # In a notebook: the thread whose cells have the context, and the number of nested cells that are running.
+        # In a notebook: the thread that holds the context while its cells run, and the number of cells that run,
+        # one inside another.
         self._cell_thread: int | None = None
         self._cells = 0
         self._watches_cells = False

@@ -55,7 +55,7 @@ class TriangleList:
 
 
 class SmallTriangles:
-    """Compute shader that scans the triangles that touch few cells, and lists all others for a draw.
+    """Compute shader that rasterizes triangles that touch few cells, and lists the others for a later draw call.
 
     Parameters
     ----------

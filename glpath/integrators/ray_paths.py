@@ -306,7 +306,10 @@ class RayPathEngine(PathSetEngine):
         return PixelDispatch("paths", self.gl, program, textures, frozenset(written))
 
     def _seen_from(self, position: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the index (h, w) of each pixel's visible triangle for eye rays through `position`; -1 for none."""
+        """Return (h, w), index of the triangle that each pixel's eye ray hits; -1 for none.
+
+        position : point within the pixels through which the eye rays pass
+        """
         self._look(self._eye_uniforms(position))
         return self.seen()
 

@@ -86,7 +86,10 @@ class Surroundings:
         return cls(**values), others
 
     def around(self, scene: Scene) -> Scene:
-        """Return the scene in these surroundings. Raises SceneError if the file is no environment map."""
+        """Return a copy of the scene with these surroundings.
+
+        Raises SceneError if the file `environment` is no environment map.
+        """
         own = scene.background
         if self.environment is not None:
             location = SourceLocation(scene.source or scene.name)

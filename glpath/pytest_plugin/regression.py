@@ -369,7 +369,10 @@ def _load(baseline: Path, picture: Picture, record: dict[str, Any]) -> Picture |
 def _verdict(
     picture: Picture, reference: Picture, mode: str, limits: Mapping[str, float], record: dict[str, Any]
 ) -> Verdict | None:
-    """Return the verdict and record it; None for images that cannot be compared, such as those of two sizes."""
+    """Compare a picture with its reference, record the verdict, and return it.
+
+    Returns None if the pictures cannot be compared, for example because their sizes differ.
+    """
     record["made_otherwise"] = picture.differences_in_making(reference)
     try:
         verdict = compare(picture, reference, mode, **limits)

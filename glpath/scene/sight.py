@@ -187,7 +187,7 @@ def _sees_spheres(camera: Camera, spheres: Float64) -> bool:
     inward = np.cross(np.roll(rays, -1, axis=0), rays)
     inward *= np.sign(inward @ rays.mean(axis=0))[:, None]
     if np.all((spheres[:, :, 3] - camera.position) @ inward.T > 0, axis=1).any():
-        return True  # a centre is inside; the test below is slow for a million spheres
+        return True  # the centre of a sphere is in the pyramid; the exact test below takes longer
     inverse = np.linalg.inv(spheres[:, :, :3])
     apex = np.einsum("nij,nj->ni", inverse, camera.position - spheres[:, :, 3])
     edges = np.einsum("nij,kj->nki", inverse, rays)
@@ -312,8 +312,8 @@ def touched_shape(scene: Scene) -> Shape | None:
     camera = scene.camera.at()
     eye = camera.position
     height = np.abs(np.sum(scene.planes[:, :, 2] * (eye - scene.planes[:, :, 3]), axis=1))
-    # If the scene has only planes, its bounds may have no size. The tolerance is then relative to the view's
-    # length.
+    # The bounds of a scene of planes alone may have no size. The tolerance is then relative to the distance from
+    # the eye to the target.
     view = _TOUCHING * float(np.linalg.norm(camera.target - eye))
     if (hits := np.flatnonzero(height <= (margin or view))).size:
         return owner("plane", hits[0])

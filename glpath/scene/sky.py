@@ -348,7 +348,7 @@ def _chosen(cdf: Float64, row: NDArray[np.intp], u: Float64) -> tuple[NDArray[np
 
 
 class _Halves(NamedTuple):
-    """Upper and lower halves of each row's tent weight: functions of the angle from up, times its sine.
+    """Upper and lower half of each row's tent weight, each a function of the angle from up times this angle's sine.
 
     A tent falls linearly from its row's centre to the centres of the adjacent rows. It is flat beyond the first and
     the last row's centre, and at the horizon of a map that is cut there.

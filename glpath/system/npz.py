@@ -27,7 +27,8 @@ from glpath.system.files import MAX_TEXT_BYTES, open_file, reading
 
 # Upper bound of the header size of an array of numbers, bytes.
 _HEADER = 4096
-# Compression methods of numpy's archives. bzip2 and LZMA unfold a few bytes to gigabytes before the first is read.
+# Accepted compression methods, which are those that numpy writes. bzip2 and LZMA may unfold a few bytes to
+# gigabytes at once.
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 # Bytes of memory for a text of an array that becomes a Python object.
 _TEXT_OBJECT = 64

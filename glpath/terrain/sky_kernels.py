@@ -30,7 +30,8 @@ def add_sky(tangents, normals, direction, weight, sums):  # type: ignore[no-unty
         if along == 0.0 and nz > 0.0:
             sums[i] += scale * 0.5 * nz / (1.0 + tangent * tangent)
             continue
-        # Range of zenith angles in front of the surface: within a right angle of the normal's zenith angle.
+        # In the vertical plane of this azimuth, the surface faces zenith angles within 90 degrees of `facing`, the
+        # zenith angle of the normal's projection.
         facing = math.atan2(along, nz)
         last = min(math.atan2(1.0, tangent), facing + 0.5 * math.pi)
         first = max(0.0, facing - 0.5 * math.pi)

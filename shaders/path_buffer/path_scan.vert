@@ -1,5 +1,5 @@
-// path_scan.vert: transforms a triangle to the cell space of a view, which is the instance. The triangle is
-// enlarged to cover every cell that it touches.
+// path_scan.vert: transforms a triangle to the cells of a view, and enlarges it to cover every cell that it touches.
+// The number of the instance selects the view.
 // The fragment shader does the exact test; here no cell may be missed. The triangle's edges are moved outwards by half a cell
 // (Hasselgren et al. 2005, Conservative Rasterization). A triangle seen nearly edge-on, whose corners would move too far, is
 // replaced by a right triangle that covers a rectangle along its longest edge.

@@ -66,7 +66,7 @@ class Diffuse(Surface, tag="diffuse", kw_only=True):
 
 
 class Phong(Surface, tag="phong", kw_only=True):
-    """Lambertian reflection, a Phong highlight and a mirror, as in the model of 1975."""
+    """Lambertian reflection, a highlight as in Phong's model of 1975, and mirror reflection."""
 
     specular: Annotated[
         float | Vector,

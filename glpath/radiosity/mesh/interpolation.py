@@ -63,9 +63,9 @@ def abrupt(vertices_of: Int64, leaf: Int64, light: Float64) -> Bools:
 
 
 def vertices_of_elements(divisions: Int64) -> Int64:
-    """Return (E, 3), vertex indices of all elements of the lattices.
+    """Return (E, 3), vertex indices of all elements. Each triangle is a lattice of elements with its own vertices.
 
-    divisions : (T,) parts of each triangle's edges
+    divisions : (T,) number of parts of each triangle's edges
     """
     first = lattice.starts(lattice.vertex_count(divisions))[:-1]
     own = lattice.of_all(divisions, lattice.element_vertices)

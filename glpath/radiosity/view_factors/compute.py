@@ -344,7 +344,8 @@ class _Run:
         share = self.rows_done / max(total, 1)
         if share > 0.05:
             self.bytes = round(2 * self._factors() / share * _BYTES_PER_FACTOR)
-            if self.bytes > max(1.1 * self.granted, _ASKED):  # check seldom, as it takes longer than some rows
+            # The check takes longer than computing some rows, so it is made seldom.
+            if self.bytes > max(1.1 * self.granted, _ASKED):
                 present = self._factors() * 20
                 require_memory(
                     self.bytes - present,
