@@ -208,6 +208,11 @@ def _packages() -> Iterator[Finding]:
         except importlib.metadata.PackageNotFoundError:
             lacking.append((f"{name} is not installed", wanted))
             continue
+        except KeyError:  # from Python 3.12 on; Python 3.11 returns None
+            version = None
+        if version is None:
+            lacking.append((f"{name} has damaged metadata; remove its folder .dist-info", wanted))
+            continue
         if _release(version) < _release(minimum or "0"):
             lacking.append((f"{name} {version} (needed: {minimum})", wanted))
         elif limit and _release(version) >= _release(limit):

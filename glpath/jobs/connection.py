@@ -320,7 +320,10 @@ def _address_in(path: str) -> str:
     if not os.path.isfile(path):
         raise UsageError(f"cluster {path}: is not a file.", "Name the file of dask scheduler --scheduler-file.")
     try:
-        return str(json.loads(read_bytes(path, MAX_TEXT_BYTES))["address"])
+        address = json.loads(read_bytes(path, MAX_TEXT_BYTES))["address"]
+        if not (isinstance(address, str) and address):
+            raise ValueError
+        return address
     except OSError as error:
         raise ContextError(f"cluster {path}: cannot be read: {reason_of(error)}.") from error
     except (ValueError, KeyError, TypeError, RecursionError) as error:

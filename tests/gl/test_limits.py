@@ -165,6 +165,21 @@ def test_doctor_asks_the_packages_own_metadata(app: typer.Typer, monkeypatch: py
     assert found["remedy"] == 'pip install "numpy>=999.1" "no-such-thing>=2"'
 
 
+def test_doctor_names_a_package_with_damaged_metadata(app: typer.Typer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As after an installation that was cut off: Python 3.11 then has no version, and later ones no key."""
+
+    def version(name: str) -> str | None:
+        if name == "typer":
+            raise KeyError("Version")
+        return None if name == "numpy" else "1"
+
+    monkeypatch.setattr(importlib.metadata, "requires", lambda _: ["numpy>=1.26", "typer"])
+    monkeypatch.setattr(importlib.metadata, "version", version)
+    found = findings(app)["packages"]
+    assert "numpy has damaged metadata" in found["found"]
+    assert "typer has damaged metadata" in found["found"]
+
+
 @pytest.mark.parametrize(
     ("module", "why"),
     [

@@ -387,6 +387,13 @@ def test_a_scheduler_file_may_be_a_path(tmp_path, monkeypatch):
     assert {name: logging.getLogger(name).level for name in levels} == levels
 
 
+@pytest.mark.parametrize("address", [5, None, "", ["tcp://127.0.0.1:1"], {"a": 1}])
+def test_a_scheduler_file_whose_address_is_no_text_is_refused(address, tmp_path):
+    (tmp_path / "s.json").write_text(json.dumps({"address": address}))
+    with pytest.raises(UsageError, match="is not the file of a scheduler"):
+        Cluster(tmp_path / "s.json")
+
+
 @pytest.mark.parametrize(
     "options", [{"address": 4}, {"address": b"local:1"}, {"dashboard": "no"}, {"chunk_seconds": "5"}]
 )
