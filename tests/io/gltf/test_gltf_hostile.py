@@ -502,6 +502,34 @@ def peak_of(work: Callable[[], object]) -> int:
         tracemalloc.stop()
 
 
+def animated_weights(nodes: int, targets: int, weights: int) -> Gltf:
+    """Nodes with one mesh, whose morph weights an accessor of zeros animates from 0 s to 1 s."""
+    file = Gltf()
+    mesh = file.mesh()
+    primitive = file.json["meshes"][mesh]["primitives"][0]
+    primitive["targets"] = [{"POSITION": primitive["attributes"]["POSITION"]}] * targets
+    zeros = file.add("accessors", componentType=5121, count=2 * weights, type="SCALAR")
+    channels = [{"sampler": 0, "target": {"node": file.node(mesh=mesh), "path": "weights"}} for _ in range(nodes)]
+    samplers = [{"input": file.accessor([0.0, 1.0]), "output": zeros}]
+    file.add("animations", samplers=samplers, channels=channels)
+    return file
+
+
+def test_animated_weights_without_a_morph_target_take_no_memory(tmp_path: Path) -> None:
+    """A zero takes one byte as stored, eight as a number and three in a check of the numbers."""
+    weights = 100_000
+    path = animated_weights(nodes=20, targets=1, weights=weights).write(tmp_path)
+    assert peak_of(lambda: read_gltf(path, time=0.5, shutter=0.1)) < 2 * weights * 13
+
+
+def test_animated_weights_of_many_nodes_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Accessors: 2 x 1,000 weights and 2 times, stored and as float64; then 1,000 float64 for each node."""
+    path = animated_weights(nodes=10, targets=1000, weights=1000).write(tmp_path)
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_DECODED_RATIO", 0)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DECODED_BYTES", 2000 * 9 + 2 * 12 + 10 * 8000 - 1)
+    assert "animations[0].samplers[0].output needs 8,000 bytes" in str(refused(path))
+
+
 @pytest.mark.parametrize("component", [5120, 5121])
 def test_normalised_integers_become_numbers_within_the_memory_that_is_counted(
     component: int, tmp_path: Path
