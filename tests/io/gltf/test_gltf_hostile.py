@@ -530,6 +530,25 @@ def test_animated_weights_of_many_nodes_are_limited(tmp_path: Path, monkeypatch:
     assert "animations[0].samplers[0].output needs 8,000 bytes" in str(refused(path))
 
 
+def test_transforms_of_nodes_while_the_shutter_is_open_are_limited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """16 float64 for each node and each of 17 times."""
+    size, file = 17 * 1000 * 16 * 8, Gltf()
+    for _ in range(1000):
+        file.node()
+    sampler = {"input": file.accessor([0.0]), "output": file.accessor([[0, 0, 0]])}
+    channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    file.add("animations", samplers=[sampler], channels=[channel])
+    path = file.write(tmp_path)
+    assert peak_of(lambda: read_gltf(path, time=0.5, shutter=0.1)) < 1.9 * size
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_DECODED_RATIO", 0)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DECODED_BYTES", size)
+    read_gltf(path, time=0.5)
+    with pytest.raises(SceneError, match=f"nodes needs {size:,} bytes"):
+        read_gltf(path, time=0.5, shutter=0.1)
+
+
 @pytest.mark.parametrize("component", [5120, 5121])
 def test_normalised_integers_become_numbers_within_the_memory_that_is_counted(
     component: int, tmp_path: Path
