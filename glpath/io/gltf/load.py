@@ -510,7 +510,7 @@ class _Shapes:
             weights = pose["weights"]
         else:
             weights = node.any_numbers("weights") if "weights" in node else self._mesh_weights(number)
-        is_deformed = skin is not None or "weights" in node
+        is_deformed = skin is not None or "weights" in node or "weights" in pose
         for i, primitive in enumerate(primitives):
             check_time()
             if is_deformed:

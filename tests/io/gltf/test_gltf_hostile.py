@@ -310,7 +310,7 @@ def test_primitives_of_a_small_file_have_a_limited_number_of_instances(
     assert f"nodes[{nodes[-1]}] brings the model to 100 instances of primitives" in str(refused(path))
 
 
-@pytest.mark.parametrize("kind", ["skin", "weights"])
+@pytest.mark.parametrize("kind", ["skin", "weights", "animated weights"])
 def test_primitives_that_nodes_deform_are_limited(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
