@@ -327,12 +327,16 @@ def _obj(plain: obj.ObjFile, path: Path, colours: bool) -> MeshFile:
 def _strokes(path: Path, points: Float64, lines: NDArray[Any], colours: Float64 | None) -> list[Mesh]:
     """Return a mesh of rods for the lines of a file without faces, or else of balls for its points.
 
+    Lines with the same ends are drawn once.
+
     colours : (N, 4) colours of the points, which the mesh takes over; None if the file has none
     """
     is_finite = np.asarray(np.isfinite(points).all(axis=1))
     if not is_finite.any():
         return []
     lines = lines[is_finite[lines].all(axis=1)]
+    ends = np.sort(lines, axis=1)
+    lines = lines[np.sort(np.unique(ends @ [len(points), 1], return_index=True)[1])]  # each line once
     if len(lines):
         radius = line_radius(points[used_points(len(points), lines)])
         made = rods(points, lines, radius)

@@ -123,6 +123,29 @@ def test_an_obj_of_lines_alone_is_rods(tmp_path: Path):
 
 
 @pytest.mark.filterwarnings("ignore:.*no camera")
+@pytest.mark.parametrize("name", ["frame.obj", "frame.ply"])
+def test_lines_that_a_file_repeats_are_drawn_once(name: str, tmp_path: Path):
+    """With the bits of a file that does not repeat them, whatever their order and direction."""
+    header = (
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "element edge {}\nproperty int vertex1\nproperty int vertex2\nend_header\n0 0 0\n3 0 0\n3 4 0\n"
+    )
+    meshes = []
+    for edges in ([(2, 1), (0, 1)], [(2, 1), (0, 1), (1, 2), (1, 0)] + 100 * [(0, 1)]):
+        if name.endswith("obj"):
+            text = "v 0 0 0\nv 3 0 0\nv 3 4 0\n" + "".join(f"l {a + 1} {b + 1}\n" for a, b in edges)
+        else:
+            text = header.format(len(edges)) + "".join(f"{a} {b}\n" for a, b in edges)
+        (tmp_path / name).write_text(text)
+        with pytest.warns(SceneWarning, match="so its 2 lines are drawn as rods"):
+            (shape,) = load_scene(tmp_path / name).shapes
+        assert isinstance(shape.geometry, Mesh)
+        meshes.append(shape.geometry)
+    assert np.array_equal(meshes[0].vertices, meshes[1].vertices)
+    assert np.array_equal(meshes[0].faces, meshes[1].faces)
+
+
+@pytest.mark.filterwarnings("ignore:.*no camera")
 def test_an_obj_of_vertices_alone_is_balls_of_their_colours(tmp_path: Path):
     path = tmp_path / "cloud.obj"
     path.write_text("v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\n")

@@ -61,9 +61,10 @@ class Accessors:
         values = self._converted(index)
         self._check_width(values, widths, index, location)
         if index not in self._finite:
-            bad = ~(np.abs(values) <= LARGEST)
-            if bad.any():
-                row, column = np.argwhere(bad)[0]
+            # A comparison needs no copy of the numbers. `_converted` has counted their memory once.
+            allowed = (values >= -LARGEST) & (values <= LARGEST)
+            if not allowed.all():
+                row, column = np.unravel_index(np.argmin(allowed), allowed.shape)
                 raise (
                     location.item(int(row))
                     .item(int(column))
@@ -113,7 +114,8 @@ class Accessors:
             self.document.take(8 * stored.size, table.location)
             values = as_float64(stored)
             if table.flag("normalized") and stored.dtype.kind != "f":
-                values = np.maximum(values / np.iinfo(stored.dtype).max, -1.0)
+                values /= np.iinfo(stored.dtype).max
+                np.maximum(values, -1.0, out=values)
             values.flags.writeable = False
             self._floats[index] = values
         return self._floats[index]

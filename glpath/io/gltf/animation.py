@@ -50,6 +50,7 @@ def poses_at(
     if not len(animations):
         document.notes.add("The time that was asked for: the file has no animations.")
     moved: dict[tuple[int, str], int] = {}
+    target_counts: dict[int, int] = {}  # by mesh index
     for number, animation in chosen:
         samplers = animation.tables("samplers")
         for channel in animation.tables("channels"):
@@ -67,7 +68,8 @@ def poses_at(
             if moved.setdefault((node, path), number) != number:
                 document.notes.add("Animations of a node that another animation moves as well: the later one does.")
             sampler = samplers[channel.required_index("sampler", samplers, "samplers")]
-            value = _value(sampler, path, accessors, time)
+            width = _WIDTHS[path] if path != "weights" else _target_count(document, node, target_counts)
+            value = _value(sampler, path, width, accessors, time)
             if value is not None:
                 poses.setdefault(node, {})[path] = value
     return poses
@@ -98,8 +100,25 @@ def _in_single_precision(time: float) -> float:
     return float(np.float32(np.clip(time, -LARGEST, LARGEST)))
 
 
-def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Float64 | None:
-    """Return the (k,) value of a sampler at a time; None if it has no keys."""
+def _target_count(document: Document, node: int, counts: dict[int, int]) -> int:
+    """Return the maximum number of morph targets of a primitive of a node's mesh; 0 if the node has no mesh.
+
+    counts : cache of the numbers by mesh index
+    """
+    meshes = document.all("meshes")
+    mesh = document.all("nodes")[node].index("mesh", meshes, "meshes")
+    if mesh is None:
+        return 0
+    if mesh not in counts:
+        counts[mesh] = max((len(each.tables("targets")) for each in meshes[mesh].tables("primitives")), default=0)
+    return counts[mesh]
+
+
+def _value(sampler: Table, path: str, width: int, accessors: Accessors, time: float) -> Float64 | None:
+    """Return the (k,) value of a sampler at a time; None if it has no keys.
+
+    width : maximum k. Further weights have no morph target, and are not interpolated
+    """
     every = accessors.document.all("accessors")
     at = sampler.location.field("input")
     times = accessors.keys(sampler.required_index("input", every, "accessors"), at)
@@ -115,7 +134,8 @@ def _value(sampler: Table, path: str, accessors: Accessors, time: float) -> Floa
             f"has {len(values):,} values for {len(times):,} keys of {interpolation}, which does not divide.",
             "Export the file anew.",
         )
-    keys = values.reshape(len(times), parts, -1)
+    keys = values.reshape(len(times), parts, -1)[:, :, :width]
+    accessors.document.take(keys[0, 0].nbytes, location)
     right = int(np.searchsorted(times, max(time, _in_single_precision(time)), side="right"))
     if right in (0, len(times)) or interpolation == "STEP":
         found = keys[max(right - 1, 0), 1 if parts == 3 else 0]

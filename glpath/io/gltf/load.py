@@ -143,8 +143,13 @@ def read_gltf(
     path_of = None
     if time is not None and shutter > 0:
         times = shutter_times(running, accessors, time, time + shutter)
-        every = [poses_at(document, accessors, float(t), running) for t in times]
-        path_of = NodePaths(times, np.stack([Nodes.of(document, each).world for each in every]), every)
+        document.take(128 * len(times) * len(nodes.world), nodes.tables.location)
+        world, deforming = np.empty((len(times), *nodes.world.shape)), set[int]()
+        for i, t in enumerate(times):
+            now = poses_at(document, accessors, float(t), running)
+            world[i] = Nodes.of(document, now).world
+            deforming |= _deforming(poses, now)
+        path_of = NodePaths(times, world, deforming)
     look = chosen_variant(document, variant)
     made = _Shapes(opened, nodes, poses, surfaces, path_of, look)
     written = nodes.tables.values
@@ -218,14 +223,14 @@ class OpenFile:
 class NodePaths:
     """World transforms of nodes while the shutter is open.
 
-    times : (K,) seconds
-    world : (K, N, 4, 4) for each time and node
-    poses : for each time, the animated values of nodes by node index
+    times     : (K,) seconds
+    world     : (K, N, 4, 4) for each time and node
+    deforming : indices of nodes whose morph weights change
     """
 
     times: Float64
     world: Float64
-    poses: list[dict[int, dict[str, Float64]]]
+    deforming: set[int]
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
@@ -236,10 +241,14 @@ class NodePaths:
         """Return the (K, 3, 4) transforms of a node; None if it does not move."""
         return self.world[:, node, :3] if self.moving[node] else None
 
-    def bends(self, node: int) -> bool:
-        """Return True if a node's mesh deforms by weights of morph targets."""
-        weights = [pose[node]["weights"] for pose in self.poses if "weights" in pose.get(node, {})]
-        return any(not np.array_equal(weights[0], each) for each in weights)
+
+def _deforming(first: dict[int, dict[str, Float64]], second: dict[int, dict[str, Float64]]) -> set[int]:
+    """Return the indices of nodes whose morph weights differ between two poses of the same animations."""
+    return {
+        node
+        for node, values in second.items()
+        if "weights" in values and not np.array_equal(first[node]["weights"], values["weights"])
+    }
 
 
 def _camera(document: Document, nodes: Nodes, index: int, paths: NodePaths | None) -> ModelCamera | None:
@@ -385,7 +394,9 @@ class _Shapes:
             return None
         if "extensions" in values and INSTANCING in values["extensions"]:
             return None
-        if self._flat[index] or (self.paths is not None and (self.paths.moving[index] or self.paths.bends(index))):
+        if self._flat[index] or (
+            self.paths is not None and (self.paths.moving[index] or index in self.paths.deforming)
+        ):
             return None
         number: int | None = self.nodes.tables[index].index("mesh", self.document.all("meshes"), "meshes")
         return number
@@ -477,7 +488,7 @@ class _Shapes:
         skin = self._skin(node)
         primitives = mesh.tables("primitives")
         name = mesh.name(node.name(f"mesh-{number}"))
-        if self.paths is not None and (self._joints_move(node) or self.paths.bends(index)):
+        if self.paths is not None and (self._joints_move(node) or index in self.paths.deforming):
             self.bent.append(name)
         # The joints of a skin give world positions, so glTF ignores the transform of the node with the mesh.
         maps = instances(node, world, self.accessors) if skin is None else np.eye(3, 4)[None]
@@ -499,7 +510,7 @@ class _Shapes:
             weights = pose["weights"]
         else:
             weights = node.any_numbers("weights") if "weights" in node else self._mesh_weights(number)
-        is_deformed = skin is not None or "weights" in node
+        is_deformed = skin is not None or "weights" in node or "weights" in pose
         for i, primitive in enumerate(primitives):
             check_time()
             if is_deformed:

@@ -201,7 +201,8 @@ class Primitives:
             values = stored.astype(np.float64)
             index = attributes.index(name, every, "accessors")
             if stored.dtype.kind != "f" and index is not None and every[index].flag("normalized"):
-                values = np.maximum(values / np.iinfo(stored.dtype).max, -1.0)
+                values /= np.iinfo(stored.dtype).max
+                np.maximum(values, -1.0, out=values)
             if name in OPTIONAL_ATTRIBUTES and values.ndim == 2:
                 values = self.accessors.repaired(name, values)
             if values.ndim != 2 or values.shape[1] not in widths or not np.isfinite(values).all():
@@ -425,7 +426,7 @@ def skin_of(table: Table, nodes_world: Float64, accessors: Accessors) -> Skin:
         raise table.location.field("joints").error(
             "is empty, but a skin has at least one joint.", "Export the file anew."
         )
-    world = np.stack([nodes_world[joint] for joint in joints])
+    world = nodes_world[joints]
     index = table.index("inverseBindMatrices", accessors.document.all("accessors"), "accessors")
     if index is not None:
         location = table.location.field("inverseBindMatrices")

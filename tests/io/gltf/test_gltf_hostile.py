@@ -310,7 +310,7 @@ def test_primitives_of_a_small_file_have_a_limited_number_of_instances(
     assert f"nodes[{nodes[-1]}] brings the model to 100 instances of primitives" in str(refused(path))
 
 
-@pytest.mark.parametrize("kind", ["skin", "weights"])
+@pytest.mark.parametrize("kind", ["skin", "weights", "animated weights"])
 def test_primitives_that_nodes_deform_are_limited(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -320,17 +320,21 @@ def test_primitives_that_nodes_deform_are_limited(
     primitive = file.json["meshes"][mesh]["primitives"][0]
     primitive["attributes"]["JOINTS_0"] = joints
     file.json["meshes"][mesh]["primitives"] *= 10
-    if kind == "weights":
+    if kind != "skin":
         primitive["targets"] = [{"POSITION": primitive["attributes"]["POSITION"]}]
-        nodes = [file.node(mesh=mesh, weights=[i]) for i in range(5)]
-    else:
+        nodes = [file.node(mesh=mesh, **({"weights": [i]} if kind == "weights" else {})) for i in range(5)]
+    if kind == "animated weights":
+        samplers = [{"input": file.accessor([0.0]), "output": file.accessor([float(i)])} for i in range(5)]
+        channels = [{"sampler": i, "target": {"node": nodes[i], "path": "weights"}} for i in range(5)]
+        file.add("animations", samplers=samplers, channels=channels)
+    if kind == "skin":
         file.json["skins"] = [{"joints": [0]} for _ in range(10)]
         nodes = [file.node(mesh=mesh, skin=i) for i in range(10)]
     file.add("scenes", nodes=nodes)
     path = file.write(tmp_path)
     monkeypatch.setattr("glpath.io.gltf.limits.BYTES_PER_DEFORMED", 2**40)
     monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DEFORMED", 100)
-    read_gltf(path)
+    read_gltf(path, time=0.5)
     monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DEFORMED", 99)
     assert f"nodes[{nodes[-1]}] brings the model to 100 primitives and morph targets" in str(refused(path))
 
@@ -488,6 +492,77 @@ def test_pixels_are_counted_before_they_are_converted(tmp_path: Path, monkeypatc
     assert sky is not None
 
 
+def peak_of(work: Callable[[], object]) -> int:
+    """Return the maximum memory in bytes that is allocated during a function."""
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def animated_weights(nodes: int, targets: int, weights: int) -> Gltf:
+    """Nodes with one mesh, whose morph weights an accessor of zeros animates from 0 s to 1 s."""
+    file = Gltf()
+    mesh = file.mesh()
+    primitive = file.json["meshes"][mesh]["primitives"][0]
+    primitive["targets"] = [{"POSITION": primitive["attributes"]["POSITION"]}] * targets
+    zeros = file.add("accessors", componentType=5121, count=2 * weights, type="SCALAR")
+    channels = [{"sampler": 0, "target": {"node": file.node(mesh=mesh), "path": "weights"}} for _ in range(nodes)]
+    samplers = [{"input": file.accessor([0.0, 1.0]), "output": zeros}]
+    file.add("animations", samplers=samplers, channels=channels)
+    return file
+
+
+def test_animated_weights_without_a_morph_target_take_no_memory(tmp_path: Path) -> None:
+    """A zero takes one byte as stored, eight as a number and three in a check of the numbers."""
+    weights = 100_000
+    path = animated_weights(nodes=20, targets=1, weights=weights).write(tmp_path)
+    assert peak_of(lambda: read_gltf(path, time=0.5, shutter=0.1)) < 2 * weights * 13
+
+
+def test_animated_weights_of_many_nodes_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Accessors: 2 x 1,000 weights and 2 times, stored and as float64; then 1,000 float64 for each node."""
+    path = animated_weights(nodes=10, targets=1000, weights=1000).write(tmp_path)
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_DECODED_RATIO", 0)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DECODED_BYTES", 2000 * 9 + 2 * 12 + 10 * 8000 - 1)
+    assert "animations[0].samplers[0].output needs 8,000 bytes" in str(refused(path))
+
+
+def test_transforms_of_nodes_while_the_shutter_is_open_are_limited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """16 float64 for each node and each of 17 times."""
+    size, file = 17 * 1000 * 16 * 8, Gltf()
+    for _ in range(1000):
+        file.node()
+    sampler = {"input": file.accessor([0.0]), "output": file.accessor([[0, 0, 0]])}
+    channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    file.add("animations", samplers=[sampler], channels=[channel])
+    path = file.write(tmp_path)
+    assert peak_of(lambda: read_gltf(path, time=0.5, shutter=0.1)) < 1.9 * size
+    monkeypatch.setattr("glpath.io.gltf.limits.MAX_DECODED_RATIO", 0)
+    monkeypatch.setattr("glpath.io.gltf.limits.ALWAYS_DECODED_BYTES", size)
+    read_gltf(path, time=0.5)
+    with pytest.raises(SceneError, match=f"nodes needs {size:,} bytes"):
+        read_gltf(path, time=0.5, shutter=0.1)
+
+
+@pytest.mark.parametrize("component", [5120, 5121])
+def test_normalised_integers_become_numbers_within_the_memory_that_is_counted(
+    component: int, tmp_path: Path
+) -> None:
+    """A check of the numbers takes three truth values for each."""
+    file = Gltf()
+    file.add("accessors", componentType=component, normalized=True, count=2**14, type="MAT4")
+    document = read_document(file.write(tmp_path))
+    values = accessors.Accessors(document)
+    peak = peak_of(lambda: values.floats(0, (16,), document.location))
+    assert document.decoded == 2**18 * 9
+    assert peak < 2**18 * (9 + 4)
+
+
 def test_a_skin_of_many_vertices_takes_little_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Transforms and their intermediate results take a kilobyte for each vertex of a part."""
     count, file = 60_000, Gltf()
@@ -500,13 +575,7 @@ def test_a_skin_of_many_vertices_takes_little_memory(tmp_path: Path, monkeypatch
     file.add("skins", joints=[file.node(mesh=mesh, skin=0)])
     path = file.write(tmp_path)
     monkeypatch.setattr("glpath.io.gltf.primitives._TOGETHER", 1000)
-    tracemalloc.start()
-    try:
-        read_gltf(path)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < 400 * count
+    assert peak_of(lambda: read_gltf(path)) < 400 * count
 
 
 #: Offsets of numbers in the header of a KTX 2 texture, by their names in messages.
