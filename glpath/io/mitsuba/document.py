@@ -14,6 +14,7 @@ from xml.parsers import expat
 
 from glpath.errors import SceneError
 from glpath.io.values import nearby_files
+from glpath.scene.geometry import Float64
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import absence_of, read_bytes, reason_of
 from glpath.system.suggestions import listed_names, similar_names
@@ -133,11 +134,13 @@ class Document:
     root       : the element <scene>
     identified : elements by their id
     defaults   : `<default>`s, in order, as text; None for a parameter that is used before it has a default
+    colours    : (3,) colour of each `<spectrum>`, by its file or element, and by whether it is that of a light
     """
 
     root: Element
     identified: dict[str, Element]
     defaults: dict[str, str | None]
+    colours: dict[tuple[str | Element, bool], Float64] = field(default_factory=dict)
     _plugins: int = 0
 
     @property
