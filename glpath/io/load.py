@@ -48,9 +48,11 @@ _DEEPEST = 100
 # Maximum number of letters of the faulty line that a syntax error shows.
 _SHOWN = 120
 # Pattern of a dotted key with more than 16 parts, `a.a.a...`. Such a key is rejected, because tomllib takes time
-# quadratic in the number of parts of a key and of its header.
+# quadratic in the number of parts of a key and of its header. Possessive quantifiers keep the search linear.
 _DEEP_KEY = re.compile(
-    r"""(?:^|[{,])[ \t]*(?:\[{1,2}[ \t]*)?(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){16}""", re.MULTILINE
+    r"""(?:^|[{,])[ \t]*+(?:\[{1,2}+[ \t]*+)?+"""
+    r"""(?:(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){16}""",
+    re.MULTILINE,
 )
 _LIGHT = ("emission", "emissive", "emission_color", "emissive_color", "radiance", "ke", "light")
 # Tables that occur once in a scene file, and their types.

@@ -19,6 +19,7 @@ from glpath.scene.geometry import IDENTITY
 from glpath.scene.model import Material, Mesh, Shape, Texture, TextureSlot
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import with_area, without_area
+from glpath.system.time_limit import check_time
 
 _UNUSED = "Colours, of some vertices only or beside materials, textures or their coordinates."
 _UNUSED_OF = {".off": "Colours. Those of PLY files are read."}
@@ -62,6 +63,7 @@ class _Reader:
         if self.file.ply is not None:
             self.notes |= dict.fromkeys(self.file.ply.notes)
         for mesh, number in zip(self.file.meshes, self.file.materials, strict=True):
+            check_time()
             if not np.all(np.abs(mesh.vertices) <= LARGEST):
                 prefix = which(self.path, self.location)
                 raise self.location.error(

@@ -32,7 +32,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -47,12 +47,15 @@ from glpath.io.text import decoded, statements
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.system.files import read_bytes, reason_of
 from glpath.system.numerals import real
+from glpath.system.time_limit import check_time
 
 #: Maximum size of a material library in bytes.
 MAX_BYTES = 2**28
 # Maximum number of MTL files of a model; more are ignored, with a note. Each missing file costs a search through
 # the model's folder and its subfolders.
 _MAX_LIBRARIES = 100
+# Maximum length of a texture statement in characters. Longer ones are not used, with a note.
+_MAX_STATEMENT = 2**20
 _SHORT = {"bump": "map_bump", "map_normal": "norm", "map_kn": "norm", "map_tr": "map_d", "map_disp": "disp"}
 # Number of arguments of each texture option; -o, -s and -t are missing, because they have one to three numbers.
 _OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2, "-texres": 1}
@@ -123,6 +126,7 @@ class Library:
     _commented: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     _numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
     _checks: dict[tuple[int, object], bool] = field(default_factory=dict)
+    _surfaces: dict[int, Surface] = field(default_factory=dict)  # by id() of the material's statements
     _count: int = 0
     pictures: Pictures = field(init=False)
 
@@ -170,10 +174,17 @@ class Library:
         self._divide_bytes(materials.values())
 
     def surface(self, name: str) -> Surface | None:
-        """Return the surface of the material `name`; None, with a note, if no MTL file defines it."""
+        """Return the surface of the material `name`; None, with a note, if no MTL file defines it.
+
+        Names that differ by a comment share the surface, which is built once.
+        """
         for names, each in ((self._written, name), (self._written, without_comment(name)), (self._commented, name)):
             if each in names:
-                return _Reader(self, name, names[each]).surface()
+                written = names[each]
+                if id(written) not in self._surfaces:
+                    self._surfaces[id(written)] = _Reader(self, name, written).surface()
+                built = self._surfaces[id(written)]
+                return replace(built, material=replace(built.material, name=name))
         self._note(f'The material "{name}", which no file defines.')
         return None
 
@@ -437,11 +448,16 @@ class _Reader:
             self.library.notes[f"Options -o and -s that differ between {names}: the first's are used."] = None
 
     def _map(self, keyword: str) -> _Map | None:
-        text = _with_options_first(" ".join(self.written.get(keyword, ())))
+        text = " ".join(self.written.get(keyword, ()))
+        if len(text) > _MAX_STATEMENT:
+            self.library.notes[f"Textures in statements of more than {_MAX_STATEMENT:,} letters."] = None
+            return None
+        text = _with_options_first(text)
         words, at = text.split(), 0
         scale, offset = np.ones(2), np.zeros(2)
         clamped, channel, multiplier = False, None, 1.0
         while at < len(words) and words[at].startswith("-"):
+            check_time()
             option = words[at].lower()
             at += 1
             if option in ("-s", "-o", "-t"):

@@ -364,12 +364,16 @@ def test_a_syntax_error_shows_a_part_of_a_long_line(tmp_path: Path) -> None:
     [
         (f'<default name="{"a" * 1000}" value="1"/>', "of 1,000 letters, but 256 are the most"),
         (f'<default name="a" value="${"a" * 400_000}"/>', "of 400,000 letters, but 256 are the most"),
+        (
+            f'<default name="b" value="{"b" * 200}"/><default name="$b$b" value="1"/>',
+            "the parameter .* of 400 letters, but 256 are the most",
+        ),
+        (f'<bsdf type="\U0001f600{"x" * 20_000}"/>', "line 1 names the type .* of 20,001 letters, but 256 are"),
+        (f"<{'x' * 20_000}/>", "line 1 names the tag .* of 20,000 letters, but 256 are"),
         ('<path value="."/>' * 1025, "the <path> after 1,024 others"),
     ],
 )
-def test_long_names_of_parameters_and_many_paths_of_mitsuba_are_errors(
-    text: str, words: str, tmp_path: Path
-) -> None:
+def test_long_names_and_many_paths_of_mitsuba_are_errors(text: str, words: str, tmp_path: Path) -> None:
     (tmp_path / "a.xml").write_text(SCENE.format(text))
     with pytest.raises(glpath.SceneError, match=words):
         glpath.load_scene(tmp_path / "a.xml")
@@ -536,6 +540,9 @@ _LONG_LINES = {
         f"{_BLANKS}x=1",
         f"[[{_BLANKS}x",
         f"x={{{'a.' * 20_000}a=1}}",
+        r'"\"".' * 20_000 + "a=1",
+        "[" + r'"\"".' * 3000 + "a]\n" + "".join(f"a{i}=1\n" for i in range(8000)),
+        r'{"\"' * 20_000,
         f'"{_BLANKS}{_BLANKS}',
         "[" * 20_000,
         f"{'x' * 20_000} {_BLANKS}",

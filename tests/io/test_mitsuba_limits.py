@@ -19,7 +19,8 @@ from glpath.io.export.geometry import UniqueNames
 from glpath.io.export.mitsuba_surfaces import Names
 from glpath.io.mitsuba.document import Document, read_document
 from glpath.io.mitsuba.load import _hides_emitters
-from glpath.io.mitsuba.plugin import Plugin
+from glpath.io.mitsuba.plugin import EQUAL_ENERGY, Plugin
+from glpath.io.mitsuba.spectra import colour_of_spectrum
 from glpath.io.mitsuba.textures import Look, _baked, _bent
 from glpath.scene.model import Scene
 from glpath.system.files import read_bytes
@@ -71,6 +72,51 @@ def test_a_scene_has_a_maximum_number_of_plugins(tmp_path: Path, monkeypatch: py
     assert len(load(tmp_path, material, sphere * 100).shapes) == 100
     with pytest.raises(SceneError, match="more than 500 plugins and parameters"):
         load(tmp_path, material, sphere * 101)
+
+
+def test_steps_of_transforms_count_as_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sphere, its material and its texture count 2 each, the transform 1, and its steps 100."""
+    steps = '<scale value="1"/>' * 100
+    texture = (
+        f'<texture type="checkerboard" name="reflectance"><transform name="to_uv">{steps}</transform></texture>'
+    )
+    shape = f'<shape type="sphere"><bsdf type="diffuse">{texture}</bsdf></shape>'
+    monkeypatch.setattr("glpath.io.mitsuba.document._MAX_PLUGINS", 107)
+    assert len(load(tmp_path, shape).shapes) == 1
+    monkeypatch.setattr("glpath.io.mitsuba.document._MAX_PLUGINS", 106)
+    with pytest.raises(SceneError, match="more than 106 plugins and parameters"):
+        load(tmp_path, shape)
+
+
+def test_a_spectrum_is_read_once_for_all_its_uses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reflectance of 0.5 at all wavelengths is grey, and light of 0.5 is EQUAL_ENERGY / 2."""
+    (tmp_path / "s.spd").write_text("360 0.5\n830 0.5\n")
+    calls = []
+
+    def count(*spectrum: object, light: bool) -> object:
+        calls.append(light)
+        return colour_of_spectrum(*spectrum, light=light)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("glpath.io.mitsuba.plugin.colour_of_spectrum", count)
+    numbers = '<string name="wavelengths" value="360 830"/><string name="values" value="0.5 0.5"/>'
+    uses = [
+        '<spectrum name="reflectance" filename="s.spd"/>',
+        '<spectrum name="reflectance" filename="./s.spd"/>',
+        '<ref id="pairs" name="reflectance"/>',
+        '<ref id="plugin" name="reflectance"/>',
+    ]
+    lamp = '<emitter type="area"><spectrum name="radiance" filename="s.spd"/></emitter>'
+    scene = load(
+        tmp_path,
+        '<spectrum id="pairs" value="360:0.5, 830:0.5"/>',
+        f'<spectrum id="plugin" type="irregular">{numbers}</spectrum>',
+        *(f'<shape type="sphere"><bsdf type="diffuse">{use}</bsdf>{lamp}</shape>' for use in uses * 3),
+    )
+    assert sorted(calls) == [False, False, False, True]
+    assert len(scene.shapes) == 12
+    for shape in scene.shapes:
+        np.testing.assert_allclose(scene.materials[shape.material].reflectance, 0.5, rtol=1e-4)
+        np.testing.assert_allclose(shape.emission, EQUAL_ENERGY / 2, rtol=1e-3)
 
 
 def test_a_spectrum_that_refers_to_itself_is_refused(tmp_path: Path) -> None:

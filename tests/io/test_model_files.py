@@ -25,6 +25,7 @@ from glpath.film.image import decode_srgb, write_exr
 from glpath.io import scene_cameras, scene_parameters
 from glpath.io.completed import aside
 from glpath.io.mtl import Library, _Reader
+from glpath.io.pictures import Pictures
 from glpath.io.values import nearby_files
 from glpath.rendering.job import RenderJob, describe
 from glpath.scene import Environment, Material, Scene, check_scene
@@ -501,6 +502,22 @@ def test_a_comment_behind_a_name_is_one_if_it_has_blanks_around_it(tmp_path: Pat
     is_known = " # " in defined + used
     assert quiet(path).materials[0].reflectance.tolist() == ([1, 0, 0] if is_known else [0.5] * 3)
     assert len(said(path)) == (1 if is_known else 2)
+
+
+def test_a_material_is_built_once_for_all_names_with_comments(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    requested: list[str] = []
+    monkeypatch.setattr(Pictures, "picture", lambda _, name: requested.append(name))
+    names = ("m", *(f"m # {i}" for i in range(20)))
+    mtl = f"newmtl m\nKd 1 0 0\nmap_Kd x.png\nmap_d {'-t 1 ' * 300_000}y.png\n"
+    path = square(tmp_path, mtl, names=names)
+    materials = quiet(path).materials
+    assert [material.name for material in materials] == list(names)
+    assert all(material.reflectance.tolist() == [1, 0, 0] for material in materials)
+    assert requested == ["x.png"]
+    requested.clear()
+    assert sum("Textures in statements of more than 1,048,576 letters" in each for each in said(path)) == 1
 
 
 def test_statements_go_on_behind_a_backslash(tmp_path: Path) -> None:

@@ -139,6 +139,17 @@ def test_picture_that_exceeds_the_limit_is_not_left_out(tmp_path: Path, monkeypa
         glpath.load_scene(path)
 
 
+def test_parts_of_a_mesh_file_check_the_time_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, checks = tmp_path / "grid.obj", []
+    parts = "".join(f"usemtl m{i}\nf 1 2 3\n" for i in range(30))
+    path.write_text(f"mtllib grid.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\n{parts}")
+    (tmp_path / "grid.mtl").write_text("newmtl m0\nmap_Kd -s 1 1 1 -o 0 0 0 wood.png\n")
+    monkeypatch.setattr("glpath.io.mesh_models.check_time", lambda: checks.append("part"))
+    monkeypatch.setattr("glpath.io.mtl.check_time", lambda: checks.append("option"))
+    glpath.load_scene(path)
+    assert (checks.count("part"), checks.count("option")) == (30, 2)
+
+
 def test_reading_for_a_resumed_film_does_not_end_with_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     options: dict[str, Any] = {"integrator": "path", "guide": "cosine", "resolution": (16, 12)}
     begun = glpath.render("cornell-box-36", spp=2, **options)

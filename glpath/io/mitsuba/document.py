@@ -14,6 +14,7 @@ from xml.parsers import expat
 
 from glpath.errors import SceneError
 from glpath.io.values import nearby_files
+from glpath.scene.geometry import Float64
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import absence_of, read_bytes, reason_of
 from glpath.system.suggestions import listed_names, similar_names
@@ -35,7 +36,7 @@ _MAX_REFERENCES = 16
 # Maximum number of plugins that are read, with their children. A plugin to which several `<ref>`s refer counts for
 # each of them.
 _MAX_PLUGINS = 2**23
-# Maximum length of a parameter's name in characters, and maximum number of `<path>`s in a scene with its includes.
+# Maximum length of a tag, type or name in characters, and maximum number of `<path>`s in a scene with its includes.
 _MAX_NAME, _MAX_PATHS = 256, 2**10
 # Maximum number of paths in all that are tried to find the files of a scene. Each takes a few microseconds.
 _MAX_LOOKUPS = 2**21
@@ -133,11 +134,13 @@ class Document:
     root       : the element <scene>
     identified : elements by their id
     defaults   : `<default>`s, in order, as text; None for a parameter that is used before it has a default
+    colours    : (3,) colour of each `<spectrum>`, by its file or element, and by whether it is that of a light
     """
 
     root: Element
     identified: dict[str, Element]
     defaults: dict[str, str | None]
+    colours: dict[tuple[str | Element, bool], Float64] = field(default_factory=dict)
     _plugins: int = 0
 
     @property
@@ -280,7 +283,7 @@ class _Reader:
                 self.identified[child.attribute("as")] = self.identified[known]
             elif child.tag == "default":
                 key, value = child.attribute("name"), child.attribute("value")
-                _check_length(key, child)
+                _check_length("the parameter", key, child.location)
                 self.defaults.setdefault(key, value)
                 self._values.setdefault(key, value)
                 self._longest = max(self._longest, len(key))
@@ -314,7 +317,7 @@ class _Reader:
 
     def _value(self, name: str, element: Element) -> str:
         word = _WORD.match(name)
-        _check_length(name if word is None else word[0], element)
+        _check_length("the parameter", name if word is None else word[0], element.location)
         # The longest known name counts, as in Mitsuba, so `$widthpx` may be `$width` and px.
         for end in range(min(len(name), self._longest), 0, -1):
             if name[:end] in self._values:
@@ -345,9 +348,14 @@ class _Reader:
         roots: list[Element] = []
 
         def start(tag: str, attributes: dict[str, str]) -> None:
-            kind = f' type="{attributes["type"]}"' if "type" in attributes else ""
-            kind += f' name="{attributes["name"]}"' if "name" in attributes else ""
-            location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}, <{tag}{kind}>")
+            location = SourceLocation(str(path), f"line {parser.CurrentLineNumber}")
+            _check_length("the tag", tag, location)
+            kind = ""
+            for key in ("type", "name"):
+                if key in attributes:
+                    _check_length(f"the {key}", attributes[key], location)
+                    kind += f' {key}="{attributes[key]}"'
+            location = SourceLocation(str(path), f"{location.path}, <{tag}{kind}>")
             self._elements += 1
             if nested + len(stack) > _NESTED:
                 raise location.error(f"is in more than {_NESTED} elements; a scene needs ten.")
@@ -376,11 +384,17 @@ class _Reader:
         return roots[0]
 
 
-def _check_length(name: str, element: Element) -> None:
-    """Raise SceneError for a parameter with a long name, because substitution tries every prefix of a name."""
+def _check_length(what: str, name: str, location: SourceLocation) -> None:
+    """Raise SceneError for a long name.
+
+    Substitution tries every prefix of a parameter's name, and tags, types and names are in the location of each
+    element.
+
+    what : what is named, such as "the parameter"
+    """
     if len(name) > _MAX_NAME:
-        raise element.location.error(
-            f"names the parameter {shown(name)} of {len(name):,} letters, but {_MAX_NAME} are the most.",
+        raise location.error(
+            f"names {what} {shown(name)} of {len(name):,} letters, but {_MAX_NAME} are the most.",
             "Give it a shorter name.",
         )
 

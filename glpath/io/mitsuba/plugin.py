@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
@@ -138,10 +139,9 @@ class Plugin:
         child = self._take(name, ("rgb", "spectrum", "float"))
         if child is None:
             return np.full(3, default)
-        if child.tag == "spectrum" and "type" in child.attributes:
-            return _spectrum_plugin(Plugin(child, self.document, self._depth + 1), light)
-        if child.tag == "spectrum" and ("filename" in child.attributes or ":" in child.attributes.get("value", "")):
-            return colour_of_spectrum(*_by_wavelengths(child), light=light)
+        own = child.attributes
+        if child.tag == "spectrum" and ("type" in own or "filename" in own or ":" in own.get("value", "")):
+            return self._colour_of_spectrum(child, light)
         if child.attributes.get("value", "").lstrip().startswith("#"):
             raise child.location.error("is of hexadecimal digits, but must be one or three numbers.")
         values = _numbers(child, "value", (1, 3) if child.tag == "rgb" else (1,))
@@ -149,6 +149,21 @@ class Plugin:
             _checked(value, child, 0.0, LARGEST)
         colour = np.array(np.broadcast_to(values, 3), np.float64)
         return colour * EQUAL_ENERGY if light and child.tag == "spectrum" else colour
+
+    def _colour_of_spectrum(self, element: Element, light: bool) -> Float64:
+        """Return the colour of a `<spectrum>`, which is read once for all references to it or to its file."""
+        is_plugin = "type" in element.attributes
+        colours = self.document.colours
+        key: str | Element = element
+        if not is_plugin and "filename" in element.attributes:
+            key = os.path.realpath(element.file(element.attributes["filename"]))
+        if (key, light) not in colours:
+            colours[key, light] = (
+                _spectrum_plugin(Plugin(element, self.document, self._depth + 1), light)
+                if is_plugin
+                else colour_of_spectrum(*_by_wavelengths(element), light=light)
+            )
+        return colours[key, light].copy()
 
     def share(self, name: str, default: float) -> Float64:
         """Return a colour as `colour` does.
@@ -201,9 +216,8 @@ class Plugin:
 
         The first step is applied first.
         """
-        child = self._take(name, ("transform",))
         matrix = np.eye(4)
-        for step in child.children if child is not None else ():
+        for step in self._transform_steps(name):
             matrix = _step(step) @ matrix
         if not np.all(np.abs(matrix) <= LARGEST):
             raise self.where(name).error(f"reaches beyond {LARGEST:g} scene units.")
@@ -217,11 +231,19 @@ class Plugin:
 
         Mitsuba inverts a rotation by transposing it, even if its axis is no unit vector.
         """
-        child, matrix = self._take(name, ("transform",)), np.eye(4)
-        for step in child.children if child is not None else ():
+        matrix = np.eye(4)
+        for step in self._transform_steps(name):
             moved = _step(step)
             matrix = matrix @ (moved.T if step.tag == "rotate" else np.linalg.inv(moved))
         return matrix
+
+    def _transform_steps(self, name: str) -> Sequence[Element]:
+        """Return the steps of a transform parameter, which count as parameters of the scene."""
+        child = self._take(name, ("transform",))
+        if child is None:
+            return ()
+        self.document.count_plugin(child)
+        return child.children
 
     def refuse_unless(self, name: str, value: float, why: str) -> None:
         """Raise SceneError if a number is given that is not `value`, the only supported one."""
