@@ -228,6 +228,13 @@ def named_work(doing: str) -> Iterator[None]:
 
 
 @contextmanager
+def reading_scene(name: str) -> Iterator[None]:
+    """Context for loading the scene `name`, without a limit if the caller has an earlier result."""
+    with without_limit_if_resumed(), named_work(f"reading {name}"):
+        yield
+
+
+@contextmanager
 def preparing_scene() -> Iterator[None]:
     """Context for work on a loaded scene before a render, without a limit if the caller has an earlier result."""
     with without_limit_if_resumed(), named_work("preparing the scene"):
