@@ -46,7 +46,7 @@ from glpath.scene import Scene
 from glpath.scene.triangulate import path_traceable
 from glpath.sensors.sensor import PointSensor
 from glpath.system.arguments import check_word, checked, short_repr
-from glpath.system.time_limit import named_work, without_limit_if_resumed
+from glpath.system.time_limit import lift_limit, named_work, without_limit_if_resumed
 
 Float32 = NDArray[np.float32]
 Bools = NDArray[np.bool_]
@@ -432,7 +432,9 @@ def lightmap(
         first_path_set=first_path_set,
         **given,
     )
-    return bake.lightmap(bake.film(run_options))
+    film = bake.film(run_options)
+    lift_limit()
+    return bake.lightmap(film)
 
 
 @dataclass(frozen=True, eq=False)

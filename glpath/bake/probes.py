@@ -48,13 +48,15 @@ from glpath.scene.geometry import LARGEST
 from glpath.scene.triangulate import path_traceable
 from glpath.system.arguments import check_array, checked
 from glpath.system.files import write_bytes
-from glpath.system.time_limit import without_limit_if_resumed
+from glpath.system.time_limit import check_time, named_work, without_limit_if_resumed
 
 Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 #: Number of rays that test if a probe is inside a solid.
 _LOOKS = 64
+#: Maximum number of these rays between two checks of the time limit.
+_RAYS_TOGETHER = 1 << 16
 #: Fraction of a probe's rays. If more than this fraction hits unlit inner sides, the probe counts as inside.
 _MOSTLY = 0.5
 #: Maximum number of probes in a grid; the film of each takes 10 kB.
@@ -112,6 +114,7 @@ class ProbeGrid:
 
     @classmethod
     @without_limit_if_resumed()
+    @named_work("looking for probes inside solids")
     def of(
         cls,
         scene: Scene,
@@ -299,7 +302,12 @@ def _inside(scene: Scene, positions: Float64, geometry_budget: int) -> Bools:
     around = np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
     origins = np.repeat(positions, _LOOKS, axis=0)
     directions = np.tile(around, (len(positions), 1))
-    hit, side, distance = sides.cast(origins, directions, np.full(len(origins), -1))
+    parts = []
+    for first in range(0, len(origins), _RAYS_TOGETHER):
+        check_time()
+        part = slice(first, first + _RAYS_TOGETHER)
+        parts.append(sides.cast(origins[part], directions[part], np.full(len(origins[part]), -1)))
+    hit, side, distance = (np.concatenate(each) for each in zip(*parts, strict=True))
     dark = (hit >= 0) & ~sides.lit[hit, side] & ((side == 1) | sides.hidden[hit, side])
     if streamed is not None:
         covered = Covered(streamed, sides)

@@ -42,6 +42,7 @@ from glpath.scene.geometry import Float64, Shapes
 from glpath.scene.model import unit_normals
 from glpath.scene.stream import triangles_in_budget
 from glpath.scene.triangulate import check_resident
+from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -118,6 +119,7 @@ class StreamedRays:
         distance = np.full(count, np.inf)
         own = np.full(count, -1)
         for part in self._parts(np.ones(len(self._chunks), np.bool_) if crossed is None else crossed):
+            check_time()
             hit, side, far = first_hits(part.rays, part.backs, origins, directions, own)
             nearer = (hit >= 0) & (far < distance)
             stream[nearer], back[nearer] = part.stream[hit[nearer]], side[nearer] == 1

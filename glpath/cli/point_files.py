@@ -281,7 +281,8 @@ def read_points(path: Path, normal: Vector | None) -> Points:
 
         if normal is not None:
             raise UsageError(f"--normal beside the directions of {file}.", "Leave it out.")
-        return Points(*sensor_points(Path(file), grid or None))
+        with named_work(f"reading {Path(file).name}"):
+            return Points(*sensor_points(Path(file), grid or None))
     with named_work(f"reading {path.name}"):
         return _read_table(path, normal)
 

@@ -29,11 +29,10 @@ from glpath.cli.signals import (
 )
 from glpath.cli.typed import typed_parameters
 from glpath.cli.unattended import SOLVING, check_absent, done_but, left_in, remove_checkpoint, watched
-from glpath.errors import GlpathError, ImageError, TimeLimitError, UsageError
+from glpath.errors import GlpathError, ImageError, TimeLimitError, UsageError, warn
 from glpath.film.choices import TIME_LIMIT
 from glpath.io.completed import aside
 from glpath.system.files import check_outputs, check_separate, check_writable, save_all
-from glpath.system.log import log
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
@@ -229,7 +228,7 @@ def radiosity(
                 with watched(run.silence, f"The solution is in {', '.join(map(str, out))}."):
                     found = result_of(lambda: element_error(loaded, solution))
             except TimeLimitError:
-                log.warning("--check: left out, because --time-limit is over.")
+                warn("--check: left out, because --time-limit is over.", late=True)
             except GlpathError:  # such as a black picture; the solution is complete and saved
                 if checkpoint is not None:
                     remove_checkpoint(checkpoint)

@@ -15,6 +15,7 @@ from glpath.errors import UsageError
 from glpath.scene.source_location import SourceLocation
 from glpath.system.files import MAX_TEXT_BYTES, read_standard_input, reason_of
 from glpath.system.numerals import real
+from glpath.system.time_limit import reading_scene
 
 if TYPE_CHECKING:
     from glpath.scene import Scene
@@ -92,7 +93,8 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
     except OSError as error:
         remedy = TOO_LARGE if error.errno == errno.EFBIG else _PIPE
         raise SourceLocation("standard input").error(f"cannot be read: {reason_of(error)}.", remedy) from error
-    read = scene_from_toml(content, SourceLocation("standard input"), Path(), "scene")
+    with reading_scene("standard input"):
+        read = scene_from_toml(content, SourceLocation("standard input"), Path(), "scene")
     return load_scene(read, surroundings)
 
 

@@ -143,6 +143,8 @@ class _Shards:
                     alone_since = None
                     if not self._cluster.workers():
                         log.warning("cluster %s: no worker is there; waiting for one", self._cluster.address)
+        if interrupted:  # the signal came during the last shard
+            raise KeyboardInterrupt
 
     def cancel(self) -> None:
         """Cancel all shards that workers still have."""

@@ -443,6 +443,8 @@ def _words(
             report(min(WORD * done, len(directions)))
             if stops:
                 raise KeyboardInterrupt
+    if flag:  # the signal came during the last word
+        raise KeyboardInterrupt
     return found, shares
 
 
@@ -467,6 +469,7 @@ def _words_of_pass(
     if found is None or rays.transmits:
         resident, shares = rays.see_out_of_resident(directions)
         found = resident if found is None else found
+    seen = done
     with interrupt_as_flag() as flag:
         for seen in rays.pass_over(directions, found, done):
             stops = bool(flag)
@@ -475,6 +478,10 @@ def _words_of_pass(
             report(seen)
             if stops:
                 raise KeyboardInterrupt
+    if flag:  # the signal came during the last part
+        if kept is not None:
+            kept.keep(seen, found, last=True)
+        raise KeyboardInterrupt
     if shares is not None:
         for share, word in zip(shares, found, strict=True):
             share[:] = masked(share, word)

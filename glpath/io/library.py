@@ -45,7 +45,7 @@ from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.arguments import checked, path_text
 from glpath.system.files import shipped_folder
 from glpath.system.suggestions import similar_names
-from glpath.system.time_limit import named_work, without_limit_if_resumed
+from glpath.system.time_limit import reading_scene
 
 _Made = TypeVar("_Made")
 #: Suffixes of scene files.
@@ -104,7 +104,8 @@ def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
     if isinstance(scene, Scene):
         return _without_parameters(scene, scene.name, parameters)
     if is_made_in_python(scene):
-        made = scene_from_python(scene)
+        with reading_scene("the scene"):
+            made = scene_from_python(scene)
         return _without_parameters(made, made.name, parameters)
     if not isinstance(scene, str | os.PathLike):
         raise SceneError(
@@ -113,14 +114,15 @@ def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
         )
     text = scene if isinstance(scene, str) else path_text("scene", scene)
     if isinstance(scene, str) and text in GENERATED:
-        return _made(GENERATED[text], SourceLocation(text), parameters)
+        with reading_scene(text):
+            return _made(GENERATED[text], SourceLocation(text), parameters)
     path = Path(text)
     if isinstance(scene, str) and text in _scene_files():
         path = _scene_files()[text]
     elif isinstance(scene, str) and not _looks_like_a_path(text):
         raise _no_such_scene(text)
     refuse_other_file(path)
-    with without_limit_if_resumed(), named_work(f"reading {path.name}"):
+    with reading_scene(path.name):
         return _read(path, text, parameters)
 
 

@@ -23,7 +23,7 @@ from glpath.scene import Camera, Scene
 from glpath.sensors.sensor import CameraSensor, PointSensor
 from glpath.system.arguments import check_word
 from glpath.system.reporting import MODES
-from glpath.system.time_limit import lift_limit, limited
+from glpath.system.time_limit import limited
 
 
 @with_options()
@@ -157,13 +157,10 @@ def run_job(
     with limited(options.time_limit):
         if options.cluster is not None:
             with reporting_to(options, pictured) as reported:
-                film = options.cluster.render(job, scene, replace(reported, cluster=None))
-            lift_limit()
-            return film
+                return options.cluster.render(job, scene, replace(reported, cluster=None))
         session = Session(job, scene, options, context=context)
         with session, reporting_to(options, pictured) as reported:
             film = session.render(job, scene, reported)
-        lift_limit()
     warn_about(film, session)
     return film
 

@@ -299,10 +299,11 @@ def _all_of(file: BinaryIO, limit: int) -> bytes:
 def _first_of_pipe(descriptor: int, path: str | Path) -> bytes:
     """Wait for a writer of a named pipe, and return the first bytes; b"" if it has written none yet.
 
-    Raises OSError if no writer opens the pipe in `_WRITER_S` seconds.
+    Raises OSError if no writer opens the pipe in `_WRITER_S` seconds, and TimeLimitError.
     """
     end = time.monotonic() + _WRITER_S
     while time.monotonic() < end:
+        check_time("reading a pipe")
         try:
             if first := os.read(descriptor, _PART_BYTES):
                 return first

@@ -21,7 +21,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
 
@@ -111,7 +111,8 @@ def check_time_limit(seconds: object) -> None:
 def limited(seconds: float | None, *, anew: bool = False, resumes: bool = False) -> Iterator[None]:
     """Context with a time limit, counted from the entry; inside `command_clock`, from the start of the process.
 
-    Inside another limit, this context has no effect, because the limit of the outermost call applies.
+    Inside another limit, the limit of the outermost call applies. `lift_limit` and `count_earlier` then change it
+    only until this context ends, because the outer call still needs it.
 
     seconds : time limit in seconds; None: no limit, but the time is still counted, see `counted_from`
     anew    : True for one of many frames: the limit applies even inside another limit or `command_clock`, and time
@@ -123,7 +124,8 @@ def limited(seconds: float | None, *, anew: bool = False, resumes: bool = False)
     check_time_limit(seconds)
     outer = _limit.get()
     if outer is not None and not anew and (seconds is None or outer.seconds < math.inf):
-        yield
+        with _set(replace(outer)):
+            yield
         return
     seconds = math.inf if seconds is None else float(seconds)
     now = time.perf_counter()
@@ -174,7 +176,7 @@ def mark_resumed() -> None:
 
 
 def lift_limit() -> None:
-    """End the limit, because the result exists and later work, such as denoising and writing, does not count."""
+    """End the limit of the innermost `limited`, because work on an existing result, such as writing, is exempt."""
     limit = _limit.get()
     if limit is not None:
         limit.ends = math.inf
@@ -190,7 +192,7 @@ def _set(limit: _Limit | None) -> Iterator[None]:
 
 
 def count_earlier(seconds: float) -> None:
-    """Shorten the time limit by the seconds that an earlier run has used, if this run resumes that run."""
+    """Shorten the limit of the innermost `limited` by the seconds of an earlier run that this run resumes."""
     limit = _limit.get()
     if limit is not None:
         limit.ends -= seconds
@@ -223,6 +225,13 @@ def named_work(doing: str) -> Iterator[None]:
         check_time()
     finally:
         _work.reset(token)
+
+
+@contextmanager
+def reading_scene(name: str) -> Iterator[None]:
+    """Context for loading the scene `name`, without a limit if the caller has an earlier result."""
+    with without_limit_if_resumed(), named_work(f"reading {name}"):
+        yield
 
 
 @contextmanager

@@ -14,9 +14,13 @@ from typer.testing import CliRunner
 
 import glpath
 from glpath.bake.probes import ProbeGrid, harmonics
+from glpath.bake.sides import Sides
 from glpath.cli.main import app
+from glpath.errors import TimeLimitError
 from glpath.io import load_scene
+from glpath.system.time_limit import limited
 from tests.support import npm
+from tests.support.clock import Clock
 
 #: Far below, for scenes of nothing but light.
 CAMERA = {"position": [0, -3, 1], "target": [0, 0, 1], "up": [0, 0, 1], "fov": 40}
@@ -178,3 +182,25 @@ def test_three_js_has_the_irradiance_that_was_measured(tmp_path: Path) -> None:
     position = np.repeat(found.grid.positions, 4, axis=0)
     measured = glpath.irradiance("cornell-box-36", position, normals, spp=1024).values
     np.testing.assert_allclose(json.loads(done.stdout), measured, atol=0.1 * measured.max())
+
+
+def test_search_for_probes_inside_solids_ends_at_the_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each probe casts 64 rays, so that three probes make two parts of at most 100."""
+    scene = load_scene({"camera": CAMERA, "shapes": [CUBE], "sky": {"zenith": [1, 1, 1]}})
+    clock, ahead, rays, cast = Clock(monkeypatch), 0.0, [], Sides.cast
+
+    def later(sides: Sides, origins: np.ndarray, *others: np.ndarray) -> Any:
+        clock.ahead = ahead
+        rays.append(len(origins))
+        return cast(sides, origins, *others)
+
+    monkeypatch.setattr(Sides, "cast", later)
+    monkeypatch.setattr("glpath.bake.probes._RAYS_TOGETHER", 100)
+    box = [[-3, -1, -1], [3, 1, 1]]
+    with limited(1.0):
+        assert ProbeGrid.of(scene, (3, 1, 1), box).valid.tolist() == [True, False, True]
+        assert rays == [100, 92]
+        ahead = 2.5
+        with pytest.raises(TimeLimitError, match="over while looking for probes inside solids, before"):
+            ProbeGrid.of(scene, (3, 1, 1), box)
+    assert rays == [100, 92, 100]

@@ -144,10 +144,12 @@ def test_check_of_a_solution_obeys_the_limits(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr("glpath.cli.radiosity._solve", lambda *_: (Saved(), True))
     monkeypatch.setattr("glpath.cli.radiosity.watched", watched)
     monkeypatch.setattr("glpath.rendering.element_error", check)
-    done = run("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "-q", "--check", "--time-limit", "600")
-    assert (done.exit_code, "--check: left out, because --time-limit is over" in done.stderr) == (0, True), (
-        done.stderr
-    )
+    asked = ("radiosity", "cornell-box-36", "-o", tmp_path / "s.npz", "-q", "--check", "--time-limit", "600")
+    for strict, code in (((), 0), (("--strict",), 1)):
+        done = run(*asked, *strict)
+        assert (done.exit_code, (tmp_path / "s.npz").exists()) == (code, True), done.stderr
+        assert "glpath: warning: --check: left out, because --time-limit is over" in done.stderr
+        (tmp_path / "s.npz").unlink()
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")

@@ -14,9 +14,10 @@ import pytest
 from glpath.daylight import kept_words
 from glpath.daylight.checkpoint import DaylightCheckpoint
 from glpath.daylight.coefficients import DaylightCoefficients
-from glpath.daylight.compute import _words_of_pass, daylight_coefficients
+from glpath.daylight.compute import _words, _words_of_pass, daylight_coefficients
 from glpath.daylight.kept_shards import KeptShards
 from glpath.daylight.kept_words import KeptPass, KeptWords
+from glpath.daylight.visibility import Seen
 from glpath.errors import GlpathError, ImageError
 from glpath.jobs.checkpoint import Checkpoint
 from glpath.jobs.connection import Connection
@@ -333,12 +334,26 @@ def test_failed_checkpoint_of_the_first_scene_does_not_hide_that_of_the_second(
     assert error == "glpath: error: F: cannot be written: the disk is full."
 
 
-def test_chunks_before_a_signal_are_kept_whenever_it_comes(tmp_path: Path) -> None:
-    """It comes while the first of three chunks is reported, and no checkpoint is due."""
+@pytest.mark.parametrize("words", [1, 2])
+def test_signal_during_the_last_word_ends_the_computation(words: int, tmp_path: Path) -> None:
+    def report(done: int) -> None:
+        if done == 32 * words:
+            signal.raise_signal(signal.SIGINT)
+
+    rays: Any = MagicMock(transmits=False, count=2)
+    rays.see_out.return_value = iter([Seen(np.full(2, 7, np.uint32), None)] * words)
+    with pytest.raises(KeyboardInterrupt):
+        _words(rays, np.zeros((32 * words, 3)), KeptWords(tmp_path / "part"), "0" * 64, report)
+    assert len(KeptWords(tmp_path / "part").read("0" * 64, 2, False)) == words
+
+
+@pytest.mark.parametrize("at", [1, 3])
+def test_chunks_before_a_signal_are_kept_whenever_it_comes(at: int, tmp_path: Path) -> None:
+    """It comes while the first or the last of three chunks is reported, and no checkpoint is due."""
 
     def report(done: int) -> None:
         reported.append(done)
-        if len(reported) == 1:
+        if done == at:
             signal.raise_signal(signal.SIGINT)
 
     reported: list[int] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import signal
 import warnings
 from pathlib import Path
 from types import SimpleNamespace
@@ -224,6 +225,16 @@ def test_shard_that_a_full_disk_refuses_does_not_end_the_computation(
     (rescued,) = tmp_path.glob("glpath-*/1-of-2.npz")
     assert f"What is done is kept in {rescued}; move it to the checkpoint's path to resume." in caplog.text
     assert DaylightCoefficients.load(rescued).shard == one.shard
+
+
+def test_signal_during_the_last_shard_ends_the_computation() -> None:
+    cluster: Any = Played({1: [DaylightCoefficients.__new__(DaylightCoefficients)]})
+    shared: Any = SimpleNamespace(token="0" * 8)
+    shards = by_workers._Shards(cluster, shared, 1, [1]).come()
+    assert next(shards)[0] == 1
+    signal.raise_signal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        next(shards)
 
 
 def test_no_worker_for_long_is_told(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:

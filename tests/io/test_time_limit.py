@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import struct
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,9 +15,11 @@ from numpy.typing import NDArray
 
 import glpath
 from glpath.cli.point_files import read_points
+from glpath.cli.scene import read_scene
 from glpath.errors import TimeLimitError
 from glpath.lights.lighting import max_radiance
 from glpath.scene import check_scene
+from glpath.system.files import read_bytes
 from glpath.system.time_limit import limited
 from tests.support.check_gaps import check_gaps, grid
 from tests.support.clock import Clock
@@ -109,6 +113,34 @@ def test_reading_that_exceeds_the_limit_names_the_file(
         clock.ahead = 2.5
         with pytest.raises(TimeLimitError, match=rf"time_limit=1: over while reading grid{suffix}, before"):
             glpath.load_scene(path)
+
+
+def test_reading_without_a_scene_file_has_the_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    content = b"[camera]\nposition = [0, 3, 4]\ntarget = [0, 0, 0]\n"
+    monkeypatch.setattr("glpath.cli.scene.read_standard_input", lambda limit: content)
+    read: dict[str, Callable[[], object]] = {
+        "standard input": lambda: read_scene("-", []),
+        "the scene": lambda: glpath.load_scene(tomllib.loads(content.decode())),
+        "stacked": lambda: glpath.load_scene("stacked", {"objects": 1}),
+        "room.hbjson": lambda: read_points(Path("room.hbjson"), None),
+    }
+    clock = Clock(monkeypatch)
+    for name, call in read.items():
+        clock.ahead = 0.0
+        with limited(1.0):
+            clock.ahead = 2.5
+            with pytest.raises(TimeLimitError, match=f"over while reading {name}, before"):
+                call()
+
+
+def test_wait_for_the_writer_of_a_pipe_has_the_time_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock(monkeypatch)
+    os.mkfifo(tmp_path / "a")
+    monkeypatch.setattr("glpath.system.files._WRITER_S", 0.3)
+    with limited(1.0):
+        clock.ahead = 2.5
+        with pytest.raises(TimeLimitError, match="over while reading a pipe, before"):
+            read_bytes(tmp_path / "a")
 
 
 def test_mesh_file_of_a_scene_is_named_while_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

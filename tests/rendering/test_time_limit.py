@@ -21,7 +21,7 @@ from glpath.cli.unattended import checkpointed
 from glpath.rendering import loop
 from glpath.rendering.factory import UNGUIDED
 from glpath.rendering.run_options import RunOptions
-from glpath.system.time_limit import check_time, limited, preparing_scene
+from glpath.system.time_limit import check_time, limited, preparing_scene, seconds_left
 from tests.conftest import MakeFilm
 from tests.support.clock import Clock
 
@@ -207,6 +207,32 @@ def test_first_look_is_not_begun_if_it_would_end_after_the_limit(
         of_render.film = make_film([(0, 16)])
         assert of_render.ended(at_block=True) == ""
     assert found == looks
+
+
+def test_render_in_on_step_leaves_the_limit_of_the_outer_render(clock: Clock) -> None:
+    options: dict[str, Any] = {"integrator": "path", "guide": "cosine", "spp": 1, "resolution": (8, 8)}
+    left = []
+
+    def on_step(film: glpath.Film) -> None:
+        glpath.render(BOX, **options)
+        left.append(seconds_left())
+
+    glpath.render(BOX, time_limit=10.0, on_step=on_step, **options)
+    assert left == [pytest.approx(10.0)]
+
+
+def test_lightmap_is_made_of_its_film_without_a_limit(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    def film(bake: Bake, options: RunOptions) -> None:
+        clock.ahead = 9.0
+
+    def lightmap(bake: Bake, film: None) -> float:
+        check_time("compiling kernels")
+        return seconds_left()
+
+    monkeypatch.setattr(Bake, "of", lambda *_, **__: Bake(None, None, None, False))  # type: ignore[arg-type]
+    monkeypatch.setattr(Bake, "film", film)
+    monkeypatch.setattr(Bake, "lightmap", lightmap)
+    assert glpath.lightmap(BOX, time_limit=1.0) == float("inf")
 
 
 def test_each_frame_has_the_limit_to_itself(clock: Clock) -> None:

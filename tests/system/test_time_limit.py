@@ -108,6 +108,17 @@ def test_a_limit_holds_within_a_call_without_one(clock: Clock) -> None:
         assert seconds_left() == pytest.approx(10.0)
 
 
+def test_inner_call_lifts_and_shortens_the_limit_only_for_itself(clock: Clock) -> None:
+    with limited(10.0):
+        with limited(None):
+            lift_limit()
+            assert seconds_left() == float("inf")
+        with limited(5.0):
+            count_earlier(7.0)
+            assert seconds_left() == pytest.approx(3.0)
+        assert seconds_left() == pytest.approx(10.0)
+
+
 def test_the_time_of_earlier_runs_counts(clock: Clock) -> None:
     with limited(10.0):
         count_earlier(7.0)

@@ -60,6 +60,7 @@ _DRAWN = 1 << 14
 #: Occluders closer to a light than this fraction of the ray's length are ignored, because lights may lie on
 #: surfaces.
 _NEAR_LIGHT = 1e-9
+_DOING = "finding the direct light"
 
 
 class DirectLight:
@@ -114,8 +115,10 @@ class DirectLight:
 
         with ThreadPoolExecutor(core_count()) as pool:
             for part, seen in zip(parts, pool.map(look, range(len(parts))), strict=True):
+                check_time(_DOING)  # checked here, because worker threads have no time limit
                 np.add.at(bins, number[part], seen)
-            list(pool.map(aim, range(len(parts))))
+            for _ in pool.map(aim, range(len(parts))):
+                check_time(_DOING)
         return found
 
     def at(self, points: Float64, normals: Float64, triangle: Int64) -> Float64:
@@ -126,9 +129,12 @@ class DirectLight:
             at = parts[i]
             return self.estimate(points[at], normals[at], triangle[at], np.random.default_rng(i))
 
+        found = np.zeros((len(points), 3))
         with ThreadPoolExecutor(core_count()) as pool:
-            found = list(pool.map(part, range(len(parts))))
-        return np.concatenate(found) if found else np.zeros((0, 3))
+            for at, light in zip(parts, pool.map(part, range(len(parts))), strict=True):
+                check_time(_DOING)  # checked here, because worker threads have no time limit
+                found[at] = light
+        return found
 
     def estimate(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,12 @@ import pytest
 
 from glpath.errors import TimeLimitError
 from glpath.io import scene_from_dict
+from glpath.io.completed import uniform_sky
 from glpath.radiosity.form_factors import light_choice
 from glpath.radiosity.form_factors.light_choice import MANY, Chosen, LightChoice
 from glpath.radiosity.form_factors.lights import DirectLight
+from glpath.radiosity.mesh.mesh import Elements
+from glpath.radiosity.mesh.sides import Sides
 from glpath.radiosity.solution import INDIRECT
 from glpath.radiosity.solvers.solve import solve_radiosity
 from glpath.scene.model import Scene
@@ -128,6 +132,18 @@ def test_the_choice_of_lights_ends_at_the_time_limit(monkeypatch: pytest.MonkeyP
         clock.ahead = 2.5
         with pytest.raises(TimeLimitError, match="over while finding the light of each lamp, before"):
             light.choice(*on_triangles(light.scene, 8), np.ones(8))
+
+
+@pytest.mark.parametrize("sky", [None, uniform_sky()])
+def test_direct_light_of_elements_ends_at_the_time_limit(sky: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, clock = replace(hall(4), sky=sky), Clock(monkeypatch)
+    elements = Elements.of_lattices(np.ones(len(scene.triangles), np.int64))
+    sides = Sides.of(scene, elements)
+    points = scene.triangles.mean(axis=1)[sides.element]
+    with limited(1.0):
+        clock.ahead = 2.5
+        with pytest.raises(TimeLimitError, match="over while finding the direct light, before"):
+            DirectLight(scene).of_sides(sides, sides.element, points, np.arange(len(sides)), 1)
 
 
 @pytest.mark.parametrize("for_camera", [True, False])
