@@ -278,9 +278,12 @@ def textures() -> dict[str, Witness]:
             notes=("its thin dielectric reflects", "glass and the rest"),
             depth=THROUGH,
         ),
-        "normal-map": Witness(room(*textured("normal_texture", bumps(), reflectance=np.full(3, 0.6)), **GRAZING)),
+        "normal-map": Witness(
+            room(*textured("normal_texture", bumps(), reflectance=np.full(3, 0.6)), **GRAZING), notes=(OF_SEAMS,)
+        ),
         "normal-map-metal": Witness(
-            room(*textured("normal_texture", bumps(), reflectance=GOLD, roughness=0.4, metallic=1.0))
+            room(*textured("normal_texture", bumps(), reflectance=GOLD, roughness=0.4, metallic=1.0)),
+            notes=(OF_SEAMS,),
         ),
         "mask": Witness(
             room(*textured("texture", Texture("holes", holes, filter="nearest"), alpha="mask")), depth=THROUGH
@@ -293,6 +296,8 @@ def textures() -> dict[str, Witness]:
     }
 
 
+#: Note about the few triangles of a sphere across which its texture coordinates jump.
+OF_SEAMS = "its normal map is inverted along green where texture coordinates are mirrored"
 GRAZING: dict[str, Any] = {
     "lights": (Light("bulb", "point", np.array([3.0, 3, 3]), np.array([0.2, 2.2, 0.6])),),
 }
