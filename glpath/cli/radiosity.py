@@ -36,7 +36,7 @@ from glpath.system.files import check_outputs, check_separate, check_writable, s
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
-from glpath.system.time_limit import without_limit
+from glpath.system.time_limit import count_earlier, without_limit
 
 if TYPE_CHECKING:
     from glpath.radiosity import RadiosityProgress, RadiositySolution
@@ -209,6 +209,8 @@ def radiosity(
                 solution, complete = result_of(lambda: _loaded(radiosity, loaded)), True
             else:
                 solution, complete = _solve(loaded, options, run.mode)
+                if checkpoint is not None:
+                    count_earlier(checkpoint.elapsed_s)
         if checkpoint is not None and by_scheduler() and not complete:
             if checkpoint.failure is not None:
                 raise ImageError(checkpoint.failure, checkpoint.rescue)

@@ -17,5 +17,5 @@ def _version(package: str) -> str | None:
     """Return the version of a package or None; cached, because a search takes milliseconds."""
     try:
         return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
+    except (importlib.metadata.PackageNotFoundError, KeyError):  # KeyError for damaged metadata
         return None

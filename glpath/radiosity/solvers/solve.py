@@ -29,7 +29,7 @@ from glpath.radiosity.shafts.options import ShaftOptions
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.solvers import importance, matrix, monte_carlo
 from glpath.radiosity.solvers.ahead import compile_ahead
-from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
+from glpath.radiosity.solvers.checkpoint import Solver, SolverCheckpoint
 from glpath.radiosity.solvers.checks import Method, check_memory, check_options, check_solvable
 from glpath.radiosity.solvers.needed import kernels_of
 from glpath.radiosity.solvers.particles import BATCH
@@ -44,9 +44,11 @@ from glpath.system.time_limit import (
     count_earlier,
     counted_from,
     limited,
+    mark_resumed,
     named_work,
     time_is_up,
     without_limit,
+    without_limit_if_resumed,
 )
 
 #: Default number of patches, if neither their number nor their size is given.
@@ -130,10 +132,15 @@ class _Run:
         """Seconds since the start, including those before a checkpoint."""
         return time.perf_counter() - self.started
 
-    def resumed(self, checkpoint: SolverCheckpoint) -> None:
-        """Move the start back by the time that the checkpoint's solver had run."""
-        self.started -= checkpoint.elapsed_s
-        count_earlier(checkpoint.elapsed_s)
+    def resume(self, checkpoint: SolverCheckpoint | None, solver: Solver, scene_hash: str) -> None:
+        """Restore the solver from its checkpoint, if there is one, and count the time that it had run."""
+        if checkpoint is None:
+            return
+        with without_limit_if_resumed():
+            resumes = checkpoint.begin(solver, scene_hash, self.method, self.settings)
+        if resumes:
+            self.started -= checkpoint.elapsed_s
+            count_earlier(checkpoint.elapsed_s)
 
     def compiling(self, text: str) -> None:
         assert self.on_progress is not None
@@ -285,6 +292,8 @@ def solve_radiosity(
             announced(waiting(needed), None if on_progress is None else run.compiling),
             checkpoint or nullcontext(),
         ):
+            if checkpoint is not None and checkpoint.found():
+                mark_resumed()
             if for_camera and (lighting.punctual or lighting.sky is not None):
                 count = patches or DEFAULT_PATCHES
                 check_time(_MESHING)
@@ -297,7 +306,8 @@ def solve_radiosity(
             mesh = Mesh.uniform(triangles, divisions, surface, splits)
             compile_ahead(needed)
             if method == "monte-carlo":
-                shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive, threshold)
+                with without_limit_if_resumed():
+                    shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive, threshold)
                 return _monte_carlo(run, shooting, particles, checkpoint)
             cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MAX))
             transport = Transport(
@@ -305,7 +315,8 @@ def solve_radiosity(
             )
             if method == "matrix":
                 return _matrix(run, transport)
-            refinement = Refinement(transport, overshoot)
+            with without_limit_if_resumed():
+                refinement = Refinement(transport, overshoot)
             wanted = _Wanted(unshot, max_steps, adaptive, threshold, ambient)
             return _progressive(run, refinement, wanted, per_element, checkpoint)
 
@@ -328,10 +339,7 @@ def _progressive(
     checkpoint: SolverCheckpoint | None,
 ) -> RadiositySolution:
     until, max_steps, adaptive, threshold, ambient = wanted
-    if checkpoint is not None and checkpoint.begin(
-        refinement, run.scene.digest(camera=False), run.method, run.settings
-    ):
-        run.resumed(checkpoint)
+    run.resume(checkpoint, refinement, run.scene.digest(camera=False))
 
     def report(share: float) -> None:
         if checkpoint is not None:
@@ -397,9 +405,7 @@ def _monte_carlo(
 ) -> RadiositySolution:
     asked = shooting.goal = -(-particles // BATCH)
     # Particles and refinement depend on the camera if they start by their importance for it.
-    scene_hash = run.scene.digest(camera=shooting.for_camera)
-    if checkpoint is not None and checkpoint.begin(shooting, scene_hash, run.method, run.settings):
-        run.resumed(checkpoint)
+    run.resume(checkpoint, shooting, run.scene.digest(camera=shooting.for_camera))
 
     def report() -> None:
         if checkpoint is not None:

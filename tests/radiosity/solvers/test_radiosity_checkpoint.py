@@ -21,12 +21,14 @@ import glpath
 from glpath import RadiositySolution, solve_radiosity
 from glpath.cli.main import app
 from glpath.radiosity import RadiosityInterrupted
+from glpath.radiosity.form_factors.lights import DirectLight
 from glpath.radiosity.form_factors.transport import Transport
 from glpath.radiosity.solvers import progressive
 from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
 from glpath.radiosity.solvers.monte_carlo import Shooting
 from glpath.radiosity.solvers.particles import Surfaces
 from glpath.radiosity.solvers.progressive import Refinement
+from glpath.scene.model import Light
 from glpath.system import files
 from tests.support.clock import Clock
 
@@ -193,6 +195,32 @@ def test_the_time_before_a_checkpoint_counts(
     second = solve_radiosity(BOX, time_limit=0.04, checkpoint=SolverCheckpoint(path), **options)
     assert first.statistics[name] < second.statistics[name] <= first.statistics[name] + unit * 64
     assert second.statistics["elapsed_s"] > first.statistics["elapsed_s"]
+
+
+def test_a_limit_that_ends_while_a_solver_is_restored_keeps_its_solution(
+    tmp_path: Path, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Direct light of elements is found anew, and may take longer than the limit."""
+    box = glpath.load_scene(BOX)
+    lamp = Light("lamp", "point", np.full(3, 1e5), np.array([278.0, 400.0, 280.0]))
+    scene, path = replace(box, lights=(lamp,)), tmp_path / "s.npz"
+    options: dict[str, Any] = {**METHODS[0], "patches": 40}
+
+    def kill(progress: glpath.RadiosityProgress) -> None:
+        if progress.steps == 4:
+            raise KilledError
+
+    with pytest.raises(KilledError):
+        solve_radiosity(scene, on_progress=kill, checkpoint=SolverCheckpoint(path, seconds=0.0), **options)
+    estimate = DirectLight.estimate
+
+    def late(self: DirectLight, *given: Any, **by_name: Any) -> Any:
+        clock.ahead = 1e6
+        return estimate(self, *given, **by_name)
+
+    monkeypatch.setattr(DirectLight, "estimate", late)
+    found = solve_radiosity(scene, time_limit=100.0, checkpoint=SolverCheckpoint(path), **options)
+    assert (clock.ahead, found.statistics["stop_rule"]) == (1e6, "time limit")
 
 
 @pytest.mark.parametrize("elapsed_s", [-1.0, np.nan, np.inf])
