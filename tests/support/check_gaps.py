@@ -19,8 +19,8 @@ from glpath.system import time_limit
 def check_gaps(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[float]]:
     """Yield a list, to which the processor seconds between successive checks in the block are appended.
 
-    The first gap begins with the block, and the last ends with it. Garbage is collected before, because a collection
-    in a worker with many tests takes longer than any gap.
+    The first gap begins with the block, and the last ends with it. Garbage is collected before, because a
+    collection in a worker with many tests takes longer than any gap.
     """
     gaps: list[float] = []
     before = time.process_time()
