@@ -84,8 +84,8 @@ class FilmSums:
                 raise UsageError(f"film: {name} of shape {np.shape(sums)} where {shapes[name]} is needed.")
         if not np.isfinite(radiance_sum).all():
             raise UsageError(f"film: radiance_sum of path sets {start}..{stop} has a NaN or an infinity.")
-        # What allocates memory comes first, and the numbers of the path sets last. So the film stays readable if
-        # memory runs out.
+        # Memory is allocated first, and the numbers of the path sets change last, so that the film stays readable
+        # if memory runs out.
         ranges = united(self.ranges, ((start, stop),))
         shape_counts = self.shape_counts
         if shape_counts is not None:
