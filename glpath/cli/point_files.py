@@ -18,9 +18,10 @@ from glpath.cli.values import Vector, numbers
 from glpath.errors import ImageError, UsageError, warn
 from glpath.film.units import symbol
 from glpath.io.values import LARGEST, SMALLEST
+from glpath.system.bounded_reading import reading_file
 from glpath.system.files import is_stream, read_bytes, read_standard_input, reason_of, whole_file, write_bytes
 from glpath.system.numerals import real
-from glpath.system.time_limit import check_time, named_work
+from glpath.system.time_limit import check_time
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance
@@ -281,9 +282,9 @@ def read_points(path: Path, normal: Vector | None) -> Points:
 
         if normal is not None:
             raise UsageError(f"--normal beside the directions of {file}.", "Leave it out.")
-        with named_work(f"reading {Path(file).name}"):
+        with reading_file(Path(file).name):
             return Points(*sensor_points(Path(file), grid or None))
-    with named_work(f"reading {path.name}"):
+    with reading_file(path.name):
         return _read_table(path, normal)
 
 

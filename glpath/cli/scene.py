@@ -13,9 +13,9 @@ import typer
 from glpath.cli import completion
 from glpath.errors import UsageError
 from glpath.scene.source_location import SourceLocation
+from glpath.system.bounded_reading import reading_scene
 from glpath.system.files import MAX_TEXT_BYTES, read_standard_input, reason_of
 from glpath.system.numerals import real
-from glpath.system.time_limit import reading_scene
 
 if TYPE_CHECKING:
     from glpath.scene import Scene

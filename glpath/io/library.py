@@ -43,9 +43,9 @@ from glpath.scene import tessellate
 from glpath.scene.model import Scene
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.arguments import checked, path_text
+from glpath.system.bounded_reading import reading_scene
 from glpath.system.files import shipped_folder
 from glpath.system.suggestions import similar_names
-from glpath.system.time_limit import reading_scene
 
 _Made = TypeVar("_Made")
 #: Suffixes of scene files.
@@ -104,7 +104,7 @@ def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
     if isinstance(scene, Scene):
         return _without_parameters(scene, scene.name, parameters)
     if is_made_in_python(scene):
-        with reading_scene("the scene"):
+        with reading_scene("the scene", own_data=True):
             made = scene_from_python(scene)
         return _without_parameters(made, made.name, parameters)
     if not isinstance(scene, str | os.PathLike):
@@ -114,7 +114,7 @@ def _loaded(scene: AnyScene, parameters: Mapping[str, object]) -> Scene:
         )
     text = scene if isinstance(scene, str) else path_text("scene", scene)
     if isinstance(scene, str) and text in GENERATED:
-        with reading_scene(text):
+        with reading_scene(text, own_data=True):
             return _made(GENERATED[text], SourceLocation(text), parameters)
     path = Path(text)
     if isinstance(scene, str) and text in _scene_files():

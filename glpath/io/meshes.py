@@ -31,9 +31,9 @@ from glpath.io.values import LARGEST, finite_rows, nearby_files, no_such_vertex,
 from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.source_location import SourceLocation
+from glpath.system.bounded_reading import reading_file
 from glpath.system.files import absence_of, read_bytes
 from glpath.system.private_interfaces import given_trimesh_normals
-from glpath.system.time_limit import named_work
 
 FORMATS = (".obj", ".ply", ".stl", ".off")
 #: Names of the formats for messages: "OBJ, PLY, STL or OFF".
@@ -243,7 +243,7 @@ def read_mesh_file(path: Path, location: SourceLocation, *, colours: bool, smoot
             nearby_files("Mesh files", path, FORMATS),
         )
     try:
-        with named_work(f"reading {path.name}"):
+        with reading_file(path.name):
             file = _parse(path, colours, smooth)
     except (GlpathError, SceneWarning):
         raise

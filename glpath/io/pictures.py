@@ -14,9 +14,9 @@ from glpath.errors import GlpathError, ImageError, TimeLimitError
 from glpath.film.image import WEBP_HEAD, check_scans, picture_size, read_texture, webp_size
 from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.named_files import NamedFiles, UnusableError
+from glpath.system.bounded_reading import reading_file
 from glpath.system.files import check_file, reason_of
 from glpath.system.npz import UnfoldedPictures
-from glpath.system.time_limit import named_work
 
 Image = NDArray[np.uint8] | NDArray[np.float32]
 # Formats that are read, by Pillow's names. Others are seldom used for textures, and for some Pillow runs programs.
@@ -70,7 +70,7 @@ class Pictures:
         path = self.files.find(self.folder, name)
         if path not in self._known:
             try:
-                with named_work(f"reading {path.name}"):
+                with reading_file(path.name):
                     self._known[path] = self._pixels(path)
             except UnusableError as error:
                 self._known[path] = error

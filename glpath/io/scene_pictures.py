@@ -12,9 +12,9 @@ from glpath.film.image import picture_size
 from glpath.io.description import MAX_TEXTURE_SIDE
 from glpath.io.values import nearby_files
 from glpath.scene.source_location import SourceLocation
+from glpath.system.bounded_reading import reading_file
 from glpath.system.files import absence_of, reading
 from glpath.system.npz import UnfoldedPictures
-from glpath.system.time_limit import named_work
 
 _Picture = TypeVar("_Picture")
 # Bytes of memory for a decoded pixel: RGBA of 8 bits, or RGB of floats.
@@ -60,7 +60,7 @@ def stored_picture(
             with reading(path, what):
                 bytes_ = channels * channel_bytes * width * height
                 unfolded.add(bytes_, path.stat().st_size, pixel * width * height)
-        with named_work(f"reading {path.name}"):
+        with reading_file(path.name):
             return read(path)
     except ImageError as error:
         raise location.error(

@@ -28,6 +28,7 @@ from glpath.io.sun_position import YEARS, SunPosition, Times, quiet_pvlib, sun_o
 from glpath.scene.model import Float64
 from glpath.scene.perez_sky import PRECIPITABLE_WATER, PerezSky, extraterrestrial, precipitable_water
 from glpath.scene.source_location import shown
+from glpath.system.bounded_reading import reading_file
 from glpath.system.files import read_bytes, reason_of
 from glpath.system.numerals import real, unsigned, whole
 
@@ -162,6 +163,11 @@ def read_weather(path: Path | str) -> Weather:
             f"{path}: is no weather file that is known: allowed are {', '.join(WEATHER_FILES)}.",
             "EnergyPlus weather is .epw, TMY3 is .csv.",
         )
+    with reading_file(path.name):
+        return _read(path)
+
+
+def _read(path: Path) -> Weather:
     try:
         raw = read_bytes(path, _MAX_BYTES)
     except OSError as error:

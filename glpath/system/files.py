@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from glpath.errors import GlpathError, ImageError, UsageError
+from glpath.system.bounded_reading import count_bytes, count_file
 from glpath.system.machine import posix_module
 from glpath.system.time_limit import check_time
 
@@ -256,6 +257,7 @@ def _open(path: str | Path) -> int:
     except ValueError as error:  # the name contains a NUL
         raise OSError(errno.EINVAL, os.strerror(errno.EINVAL), str(path)) from error
     record_input(path)
+    count_file(descriptor)
     return descriptor
 
 
@@ -328,6 +330,7 @@ def _all_of_stream(descriptor: int, limit: int, first: bytes = b"") -> bytes:
             continue
         part = os.read(descriptor, _PART_BYTES)
         if not part:
+            count_bytes(len(content))
             return bytes(content)
         content += part
     raise _too_large("more", limit)

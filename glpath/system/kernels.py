@@ -12,6 +12,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
+from glpath.system.bounded_reading import without_bounds
 from glpath.system.kernel_cache import NUMBA, KernelCache
 from glpath.system.log import log
 from glpath.system.private_interfaces import (
@@ -219,7 +220,8 @@ def _running() -> Iterator[None]:
     gc.disable()
     _compilations.running = True
     try:
-        yield
+        with without_bounds():
+            yield
     finally:
         _compilations.running = False
         if collects:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -228,17 +228,24 @@ def named_work(doing: str) -> Iterator[None]:
 
 
 @contextmanager
-def reading_scene(name: str) -> Iterator[None]:
-    """Context for loading the scene `name`, without a limit if the caller has an earlier result."""
-    with without_limit_if_resumed(), named_work(f"reading {name}"):
-        yield
-
-
-@contextmanager
 def preparing_scene() -> Iterator[None]:
     """Context for work on a loaded scene before a render, without a limit if the caller has an earlier result."""
     with without_limit_if_resumed(), named_work("preparing the scene"):
         yield
+
+
+def has_limit() -> bool:
+    """Return True if a limit is active."""
+    return seconds_left() < math.inf
+
+
+def overdue(doing: str) -> Callable[[], TimeLimitError | None]:
+    """Return a function that another thread can call. It returns the error of `check_time`, or None before that.
+
+    It heeds the limit of this call, even after later calls of `lift_limit` and `count_earlier`.
+    """
+    limit = _limit.get()
+    return lambda: None if limit is None else _error(limit, doing)
 
 
 def check_time(doing: str | None = None, estimate: float = 0.0) -> None:
@@ -249,9 +256,15 @@ def check_time(doing: str | None = None, estimate: float = 0.0) -> None:
     estimate : seconds that the next call will take at least, if nothing can end it
     """
     limit, doing = _limit.get(), doing or _work.get()
-    if limit is None or doing is None or time.perf_counter() + estimate < limit.ends + limit.grace:
-        return
+    if limit is not None and doing is not None and (error := _error(limit, doing, estimate)) is not None:
+        raise error
+
+
+def _error(limit: _Limit, doing: str, estimate: float = 0.0) -> TimeLimitError | None:
+    left = limit.ends + limit.grace - time.perf_counter()
+    if left > estimate:
+        return None
     over = f"over while {doing}, before there was a result"
-    if time.perf_counter() < limit.ends + limit.grace:
+    if left > 0:
         over = f"{doing} would take about {estimate:.2g} s, more than is left"
-    raise TimeLimitError(f"time_limit={limit.seconds:g}: {over}.", "Give it more time.")
+    return TimeLimitError(f"time_limit={limit.seconds:g}: {over}.", "Give it more time.")

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import GlpathError, SceneError, warn
 from glpath.scene.geometry import LARGEST
 from glpath.system.arguments import checked
+from glpath.system.bounded_reading import reading_file
 from glpath.system.files import absence_of, absolute_path, check_file, open_file, read_bytes, reading, reason_of
 from glpath.system.npz import check_unfolded, open_npz, read_npy
 from glpath.system.numerals import real
@@ -128,9 +129,11 @@ def load_height_field(
         )
     given: dict[str, Any] = {"holes": holes}
     if path.suffix.lower() == ".npy":
-        return _npy(path, spacing=1.0 if spacing is None else spacing, origin=at_corner, **given)
-    _refuse_georeference(path, spacing, origin)
-    return reader(path, **given)
+        given.update(spacing=1.0 if spacing is None else spacing, origin=at_corner)
+    else:
+        _refuse_georeference(path, spacing, origin)
+    with reading_file(path.name):
+        return reader(path, **given)
 
 
 def _refuse_georeference(source: str | Path, spacing: object, origin: object) -> None:
@@ -448,7 +451,7 @@ def load_point_cloud(path: str | Path, classes: tuple[int, ...] = ()) -> Float64
     """
     laspy = package_for("laspy", "this file is read")
     path = Path(path)
-    with _readable(path):
+    with reading_file(path.name), _readable(path):
         try:
             with open_file(path) as file:
                 _check_las(file, path.stat().st_size)

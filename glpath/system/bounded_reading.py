@@ -1,0 +1,239 @@
+"""Limits on the time and memory of reading a file, for any file format.
+
+    with reading_file("room.obj"):
+        content = read_bytes(path)
+        ...
+
+A damaged or malicious file can be small and still keep a parser busy for hours, or make it fill the memory. While
+the outermost `reading_file` of a thread is active, a second thread samples the processor time of the reading thread
+and the memory of the process. If one is above its limit, the second thread raises an exception in the reading
+thread, as CPython allows between two bytecodes, and `reading_file` turns it into a SceneError. If the
+user gave a time limit, it ends reading in the same manner, and processor time has no limit.
+
+Poor at:  single calls of a library that do not return, because nothing can end them; growth of memory by other
+          threads, which counts for the reading thread.
+"""
+
+from __future__ import annotations
+
+import contextvars
+import ctypes
+import math
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from pathlib import Path
+
+from glpath.errors import GlpathError, SceneError
+from glpath.system.time_limit import has_limit, named_work, overdue, without_limit_if_resumed
+
+#: Processor time for reading: seconds, and seconds per byte of the files.
+SECONDS = 5.0
+_SECONDS_PER_BYTE = 1e-6
+#: Growth of memory during reading: bytes, and bytes per byte of the files.
+MEMORY = 2**30
+_MEMORY_PER_BYTE = 128
+# Time between two samples, and between two exceptions if the first had no effect, seconds.
+_SAMPLE_S = 0.05
+_AGAIN_S = 1.0
+_PAGE = os.sysconf("SC_PAGESIZE") if hasattr(os, "sysconf") else 4096
+
+
+class _Interrupted(BaseException):
+    """Exception that ends reading. It is no Exception, because parsers may catch those."""
+
+
+class _Bounds:
+    """Limits of the reading thread, and the thread that enforces them.
+
+    name      : file name for the error
+    processor : limit of processor time in seconds; infinity: none
+    memory    : limit of the process's memory in bytes
+    bytes     : size of the files that were opened
+    error     : error with which reading ended; None before
+    """
+
+    def __init__(self, name: str, *, own_data: bool) -> None:
+        self.name = name
+        self.bytes = 0
+        self.error: GlpathError | None = None
+        self._files: set[tuple[int, int]] = set()
+        self._thread = threading.get_ident()
+        self._overdue = overdue(f"reading {name}")
+        self._clock = _clock_of_this_thread()
+        self.processor = math.inf if own_data or has_limit() else self._processor_time() + SECONDS
+        self.memory = math.inf if own_data else _memory() + MEMORY
+        self._paused = 0
+        self._ended = False
+        self._wake = threading.Lock()
+        self._wake.acquire()
+        self._watch = threading.Thread(target=self._sample, name="glpath reading", daemon=True)
+        self._watch.start()
+
+    def _processor_time(self) -> float:
+        return 0.0 if self._clock is None else time.clock_gettime(self._clock)
+
+    def add_file(self, file: tuple[int, int], size: int) -> None:
+        if file not in self._files:
+            self._files.add(file)
+            self.add_bytes(size)
+
+    def add_bytes(self, size: int) -> None:
+        self.bytes += size
+        self.processor += _SECONDS_PER_BYTE * size
+        self.memory += _MEMORY_PER_BYTE * size
+
+    @contextmanager
+    def pause(self) -> Iterator[None]:
+        before = self._processor_time(), _memory()
+        self._paused += 1
+        try:
+            yield
+        finally:
+            self.processor += self._processor_time() - before[0]
+            self.memory += max(0, _memory() - before[1])
+            self._paused -= 1
+
+    def end(self) -> None:
+        """End the samples. After it no exception is raised in the reading thread.
+
+        The exception may be raised within this call, which the caller then repeats. So it uses only operations that
+        an exception cannot interrupt halfway.
+        """
+        self._ended = True
+        with suppress(RuntimeError):  # released by the interrupted call
+            self._wake.release()
+        self._watch.join()
+        _raise_in(self._thread, None)
+
+    def _sample(self) -> None:
+        wait = _SAMPLE_S
+        while not self._ended:
+            self._wake.acquire(timeout=wait)
+            error = None if self._ended or self._paused else self._exceeded()
+            if error is not None:
+                self.error = self.error or error
+                wait = _AGAIN_S
+                _raise_in(self._thread, _Interrupted)
+
+    def _exceeded(self) -> GlpathError | None:
+        if (error := self._overdue()) is not None:
+            return error
+        size = f"{self.bytes:,} bytes"
+        if self._processor_time() > self.processor:
+            return SceneError(
+                f"{self.name}: reading {size} takes more than {SECONDS + _SECONDS_PER_BYTE * self.bytes:.3g} s of "
+                "processor time, as only damaged files do.",
+                "Check the file in another program. If it is right, give a time limit, which applies instead.",
+            )
+        if _memory() > self.memory:
+            return SceneError(
+                f"{self.name}: reading {size} takes more than "
+                f"{(MEMORY + _MEMORY_PER_BYTE * self.bytes) / 1e9:.3g} GB of memory, as only damaged files do.",
+                "If the file is right, divide it into several scenes or make its pictures smaller.",
+            )
+        return None
+
+
+# A context variable, because a thread has its own bounds.
+_bounds: ContextVar[_Bounds | None] = ContextVar("bounds", default=None)
+
+
+@contextmanager
+def reading_file(name: str, *, own_data: bool = False) -> Iterator[None]:
+    """Context for reading a file and the files that it names; inside another one, it only names its work.
+
+    name     : file name for errors
+    own_data : True for data that the caller made or holds in memory; only a time limit then applies
+
+    Raises SceneError if reading takes too much processor time or memory for the size of the files, and
+    TimeLimitError.
+    """
+    with named_work(f"reading {name}"):
+        if _bounds.get() is not None:
+            yield
+            return
+        before = contextvars.copy_context()
+        bounds = _Bounds(name, own_data=own_data)
+        _bounds.set(bounds)
+        try:
+            try:
+                yield
+            finally:
+                bounds.end()
+        except (Exception, _Interrupted):  # parsers may turn any exception into one of their own
+            bounds.end()  # the exception may have come within the call above
+            if bounds.error is None:
+                raise
+            _restore(before)
+            raise bounds.error from None
+        finally:
+            _bounds.set(None)
+
+
+@contextmanager
+def reading_scene(name: str, *, own_data: bool = False) -> Iterator[None]:
+    """Context for loading a scene as `reading_file`, without a time limit if the caller has an earlier result."""
+    with without_limit_if_resumed(), reading_file(name, own_data=own_data):
+        yield
+
+
+@contextmanager
+def without_bounds() -> Iterator[None]:
+    """Context of work during reading that does not depend on the file, such as compiling a kernel."""
+    bounds = _bounds.get()
+    if bounds is None:
+        yield
+        return
+    with bounds.pause():
+        yield
+
+
+def count_file(descriptor: int) -> None:
+    """Raise the limits of the active reading by the size of an open file. A second time it counts as nothing."""
+    if (bounds := _bounds.get()) is not None:
+        status = os.fstat(descriptor)
+        bounds.add_file((status.st_dev, status.st_ino), status.st_size)
+
+
+def count_bytes(size: int) -> None:
+    """Raise the limits of the active reading by the number of bytes of a pipe."""
+    if (bounds := _bounds.get()) is not None:
+        bounds.add_bytes(size)
+
+
+def allow_memory(size: int) -> None:
+    """Raise the limit of memory by bytes whose number another check has allowed, such as those of a picture."""
+    if (bounds := _bounds.get()) is not None:
+        bounds.memory += size
+
+
+def _restore(before: contextvars.Context) -> None:
+    """Give context variables their earlier values, because an interrupted `with` may not have done so."""
+    for variable, value in before.items():
+        if variable.get() is not value:
+            variable.set(value)
+
+
+def _clock_of_this_thread() -> int | None:
+    """Return the processor clock of this thread for `time.clock_gettime`; None if the system has none."""
+    get: Callable[[int], int] | None = getattr(time, "pthread_getcpuclockid", None)
+    return None if get is None else get(threading.get_ident())
+
+
+def _memory() -> int:
+    """Return the resident memory of this process in bytes; 0 if the system does not report it."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * _PAGE
+    except (OSError, ValueError, IndexError):
+        return 0
+
+
+def _raise_in(thread: int, exception: type[BaseException] | None) -> None:
+    """Raise an exception in a thread at its next bytecode; None removes an exception that is not raised yet."""
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(
+        ctypes.c_ulong(thread), None if exception is None else ctypes.py_object(exception)
+    )
