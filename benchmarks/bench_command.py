@@ -16,7 +16,8 @@ from glpath.cli.scene import HELP, read_scene, seen
 from glpath.cli.signals import result_of
 from glpath.cli.values import resolution as read_resolution
 from glpath.errors import GlpathError, UsageError
-from glpath.system.files import check_writable, save_all, write_bytes
+from glpath.system.files import check_writable, write_bytes
+from glpath.system.outputs import save_all
 from glpath.system.terminal import clean_console, say
 
 if TYPE_CHECKING:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from benchmarks.verdict import Condition, Report, judge, machine
 from glpath.film.image import encode_png
 from glpath.gl.context import open_context
-from glpath.system.files import save_all, write_bytes
+from glpath.system.files import write_bytes
+from glpath.system.outputs import save_all
 from glpath.system.versions import versions
 
 Say = Callable[[str], None]

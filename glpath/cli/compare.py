@@ -83,7 +83,7 @@ def diff(
     from glpath import compare
     from glpath.compare.reading import check_sizes
     from glpath.film.image import write_png
-    from glpath.system.files import check_outputs
+    from glpath.system.outputs import check_outputs
 
     if out is not None:
         if out.suffix.lower() != ".png":

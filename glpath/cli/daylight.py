@@ -27,7 +27,7 @@ from glpath.cli.unattended import done_but, remove_checkpoint
 from glpath.cli.values import check_choice, shard_of, vector
 from glpath.errors import ImageError, UsageError
 from glpath.io.completed import aside
-from glpath.system.files import Save, check_outputs, save_all
+from glpath.system.outputs import Save, check_outputs, save_all
 from glpath.system.reporting import ProgressEvent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from glpath.errors import UsageError
-from glpath.system.files import Save, is_stream
+from glpath.system.files import is_stream
 from glpath.system.numerals import real
+from glpath.system.outputs import Save
 
 if TYPE_CHECKING:
     import numpy as np

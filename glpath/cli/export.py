@@ -15,7 +15,8 @@ from glpath.cli.signals import result_of
 from glpath.cli.values import resolution as read_resolution
 from glpath.io.export import MAX_DEPTH, SPP, check_export, exported, is_for_mitsuba
 from glpath.io.export.mitsuba_xml import files_folder
-from glpath.system.files import check_outputs, check_writable, save_all
+from glpath.system.files import check_writable
+from glpath.system.outputs import check_outputs, save_all
 from glpath.system.terminal import say
 
 _FOR_MITSUBA = "With -o FILE.xml"

@@ -26,9 +26,10 @@ from glpath.cli.scene import Scenes
 from glpath.cli.signals import arrived, exit_code, hold, release
 from glpath.cli.unattended import watched
 from glpath.errors import GlpathError, ImageError, UsageError, warn
-from glpath.system.files import check_outputs, replacing_links, save_all, whole_file
+from glpath.system.files import replacing_links, whole_file
 from glpath.system.heartbeat import heartbeat
 from glpath.system.locks import Lock
+from glpath.system.outputs import check_outputs, save_all
 from glpath.system.reporting import duration
 from glpath.system.terminal import say
 from glpath.system.time_limit import without_limit

@@ -15,8 +15,8 @@ from glpath.cli.point_files import table_lines
 from glpath.cli.signals import result_of
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError, warn
-from glpath.system.files import Save, check_outputs, save_all
 from glpath.system.numerals import real, whole
+from glpath.system.outputs import Save, check_outputs, save_all
 from glpath.system.reporting import MODES, duration, reporting
 from glpath.system.suggestions import listed_names, similar_names
 from glpath.system.terminal import say

@@ -24,7 +24,7 @@ from glpath.cli.values import exposure as read_exposure
 from glpath.errors import GlpathError, UsageError
 from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
-from glpath.system.files import check_outputs, save_all
+from glpath.system.outputs import check_outputs, save_all
 from glpath.system.reporting import duration, percent
 from glpath.system.terminal import say
 

@@ -33,7 +33,8 @@ from glpath.film.image import luminance
 from glpath.film.units import EFFICACY, conversion
 from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
-from glpath.system.files import Save, check_outputs, is_stream, save_all
+from glpath.system.files import is_stream
+from glpath.system.outputs import Save, check_outputs, save_all
 from glpath.system.reporting import duration
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from glpath.cli.run_request import RunRequest
 from glpath.cli.signals import result_of
 from glpath.errors import UsageError, warn
 from glpath.film.aovs import guides_denoiser
-from glpath.system.files import check_outputs, save_all
+from glpath.system.outputs import check_outputs, save_all
 from glpath.system.reporting import percent
 from glpath.system.terminal import say
 

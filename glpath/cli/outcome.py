@@ -15,9 +15,10 @@ from glpath.cli.signals import INTERRUPTED, RESUME_LATER, arrived, by_scheduler,
 from glpath.cli.unattended import done_but, remove_checkpoint
 from glpath.errors import GlpathError, ImageError
 from glpath.film.choices import CLEAN, INTERRUPTED_RULE, NOISE, RULES, TIME_LIMIT
-from glpath.system.files import save_all, without_waiting, write_bytes
+from glpath.system.files import without_waiting, write_bytes
 from glpath.system.log import log
 from glpath.system.machine import peak_resident_bytes
+from glpath.system.outputs import save_all
 from glpath.system.reporting import duration, percent
 from glpath.system.terminal import say, say_json
 

@@ -14,7 +14,7 @@ from glpath.cli.values import check_choice
 from glpath.cli.values import exposure as read_exposure
 from glpath.errors import UsageError
 from glpath.film.choices import TONEMAP_NAMES
-from glpath.system.files import Save
+from glpath.system.outputs import Save
 
 if TYPE_CHECKING:
     from glpath.film.film import Film

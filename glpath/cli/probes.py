@@ -28,8 +28,8 @@ from glpath.cli.values import check_choice, check_spp, numbers
 from glpath.errors import UsageError
 from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
-from glpath.system.files import check_outputs, save_all
 from glpath.system.numerals import real, whole
+from glpath.system.outputs import check_outputs, save_all
 from glpath.system.reporting import duration
 
 if TYPE_CHECKING:

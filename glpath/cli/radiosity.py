@@ -32,7 +32,8 @@ from glpath.cli.unattended import SOLVING, check_absent, done_but, left_in, remo
 from glpath.errors import GlpathError, ImageError, TimeLimitError, UsageError, warn
 from glpath.film.choices import TIME_LIMIT
 from glpath.io.completed import aside
-from glpath.system.files import check_outputs, check_separate, check_writable, save_all
+from glpath.system.files import check_writable
+from glpath.system.outputs import check_outputs, check_separate, save_all
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say

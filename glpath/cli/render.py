@@ -31,7 +31,7 @@ from glpath.errors import UsageError
 from glpath.film.aovs import DENOISER_AOVS, guides_denoiser
 from glpath.integrators.by_name import AUTO, Integrator
 from glpath.rendering.options import default_spp_text
-from glpath.system.files import check_outputs
+from glpath.system.outputs import check_outputs
 
 _INTEGRATORS = get_args(Integrator)
 

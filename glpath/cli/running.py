@@ -19,8 +19,8 @@ from glpath.cli.values import check_inside
 from glpath.errors import GlpathError, UsageError
 from glpath.film.aovs import with_guides
 from glpath.film.choices import INTERRUPTED_RULE, RULES
-from glpath.system.files import check_no_input
 from glpath.system.log import log
+from glpath.system.outputs import check_no_input
 from glpath.system.time_limit import lift_limit, without_limit_if_resumed
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from glpath.errors import GlpathError, ImageError, UsageError
-from glpath.system.files import check_no_input, check_separate, check_writable, recorded_inputs
+from glpath.system.files import check_writable, recorded_inputs
+from glpath.system.outputs import check_no_input, check_separate
 from glpath.system.terminal import say
 from glpath.system.time_limit import mark_resumed
 

@@ -20,7 +20,8 @@ from glpath.cli.typed import typed_command
 from glpath.cli.unattended import done_but, remove_checkpoint
 from glpath.cli.values import check_choice
 from glpath.errors import GlpathError, ImageError, UsageError
-from glpath.system.files import check_outputs, check_writable, is_stream, rescued, save_all, short_name
+from glpath.system.files import check_writable, is_stream, short_name
+from glpath.system.outputs import check_outputs, rescued, save_all
 from glpath.system.reporting import ProgressEvent, duration, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say

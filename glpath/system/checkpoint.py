@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import ClassVar, Self
 
 from glpath.errors import ImageError
-from glpath.system.files import reason_of, remove_parts, replacing_links, rescued, special_kind
+from glpath.system.files import reason_of, remove_parts, replacing_links, special_kind
 from glpath.system.heartbeat import heartbeat
 from glpath.system.locks import Lock, Locked
 from glpath.system.log import log
+from glpath.system.outputs import rescued
 
 
 @dataclass

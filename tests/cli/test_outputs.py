@@ -27,7 +27,7 @@ from glpath.film.metadata import FilmMetadata
 from glpath.radiosity import RadiositySolution
 from glpath.rendering import RenderJob, calls
 from glpath.rendering.interrupts import interrupt_as_flag
-from glpath.system import files
+from glpath.system import files, outputs
 from tests.conftest import MakeFilm
 
 FULL = Path("/dev/full")
@@ -123,14 +123,14 @@ def test_where_even_the_temporary_folder_is_full_that_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
-    monkeypatch.setattr(files.os.path, "isdir", lambda path: False)
-    written, failure = files.save_all({full(tmp_path, "a.txt"): save_text}, {"b.txt": save_text}, "In {}.")
+    monkeypatch.setattr(os.path, "isdir", lambda path: False)
+    written, failure = outputs.save_all({full(tmp_path, "a.txt"): save_text}, {"b.txt": save_text}, "In {}.")
     assert (written, failure and failure.remedy) == ([], "Nor could it be kept in a temporary folder.")
 
 
 def test_files_of_the_whole_result_are_written_first(tmp_path: Path) -> None:
-    outputs = [tmp_path / name for name in ("a.png", "b.npz", "c.exr")]
-    written, _ = files.save_all(dict.fromkeys(outputs, save_text), {"film.npz": save_text}, "In {}.")
+    paths = [tmp_path / name for name in ("a.png", "b.npz", "c.exr")]
+    written, _ = outputs.save_all(dict.fromkeys(paths, save_text), {"film.npz": save_text}, "In {}.")
     assert [path.name for path in written] == ["b.npz", "a.png", "c.exr"]
 
 
@@ -157,7 +157,7 @@ def test_remedy_of_an_output_that_fails_is_reported(count: int, tmp_path: Path) 
     def fail(path: Path) -> None:
         raise ImageError("it is too large.", "Make it smaller.")
 
-    _, failure = files.save_all(dict.fromkeys([tmp_path / f"{i}.txt" for i in range(count)], fail))
+    _, failure = outputs.save_all(dict.fromkeys([tmp_path / f"{i}.txt" for i in range(count)], fail))
     assert "Make it smaller." in str(failure)
 
 
@@ -338,9 +338,9 @@ def test_file_of_an_export_that_is_a_link_is_replaced(tmp_path: Path) -> None:
 def test_names_of_one_device_are_separate_outputs(film: Film, tmp_path: Path) -> None:
     result = run("render", "furnace", "-o", tmp_path / "a.png", "-o", tmp_path / "a.png", "--stats", os.devnull)
     assert result.exit_code == 0, result.output
-    files.check_outputs([Path(os.devnull), Path("/dev/null")])
+    outputs.check_outputs([Path(os.devnull), Path("/dev/null")])
     (tmp_path / "null.png").symlink_to(os.devnull)
-    files.check_outputs([Path(os.devnull), tmp_path / "null.png"])
+    outputs.check_outputs([Path(os.devnull), tmp_path / "null.png"])
 
 
 def test_the_checkpoint_of_a_solution_is_no_output(tmp_path: Path) -> None:
