@@ -176,7 +176,7 @@ _WRITER_S = 3.5
 # Interval between checks for a writer of a named pipe, seconds.
 _LOOK_S = 0.02
 # Interval between checks of the time limit while a pipe is silent, milliseconds.
-_SILENCE_MS = 200
+_SILENCE_MS = 100
 _PART_BYTES = 1 << 20
 _MORE_MEMORY = "Close other programs, or use a machine with more memory."
 # Maximum ratio of a sparse file's size to the size of its data. Files with a higher ratio are refused.

@@ -35,6 +35,8 @@ _os = posix_module("posix")
 GRACE = 1.0
 #: Fraction of the remaining time that `part_of_time` grants.
 PART = 0.5
+# Delay of `overdue` after `check_time`, seconds.
+_LATER = 0.25
 # Maximum difference between the age of this process and its processor time, seconds. If the difference is larger,
 # a shell waited before it became this program by exec, because exec keeps the start time of the process.
 _MAX_IDLE = 2.0
@@ -242,10 +244,10 @@ def has_limit() -> bool:
 def overdue(doing: str) -> Callable[[], TimeLimitError | None]:
     """Return a function that another thread can call. It returns the error of `check_time`, or None before that.
 
-    It heeds the limit of this call, even after later calls of `lift_limit` and `count_earlier`.
+    It returns the error only `_LATER` after `check_time` would raise it, because that names the work more exactly.
     """
     limit = _limit.get()
-    return lambda: None if limit is None else _error(limit, doing)
+    return lambda: None if limit is None else _error(limit, doing, later=_LATER)
 
 
 def check_time(doing: str | None = None, estimate: float = 0.0) -> None:
@@ -260,8 +262,8 @@ def check_time(doing: str | None = None, estimate: float = 0.0) -> None:
         raise error
 
 
-def _error(limit: _Limit, doing: str, estimate: float = 0.0) -> TimeLimitError | None:
-    left = limit.ends + limit.grace - time.perf_counter()
+def _error(limit: _Limit, doing: str, estimate: float = 0.0, later: float = 0.0) -> TimeLimitError | None:
+    left = limit.ends + limit.grace + later - time.perf_counter()
     if left > estimate:
         return None
     over = f"over while {doing}, before there was a result"
