@@ -10,8 +10,8 @@ Cost:     24 to 36 bytes per vertex, and 12 bytes per side of an element.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +25,26 @@ from glpath.scene import Scene
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
 
-if TYPE_CHECKING:
-    from glpath.radiosity.solution import RadiositySolution
+
+@dataclass(frozen=True)
+class VertexLight:
+    """Light at the vertices of the lattices that divide triangles into elements.
+
+    divisions    : (T,) parts along each edge of each triangle
+    vertices     : (L, 2, V, 3) irradiance of L kinds of light on fronts and backs of the vertices, W m^-2
+    first_vertex : (T,) index of the first vertex of each triangle
+    """
+
+    divisions: NDArray[np.integer]
+    vertices: NDArray[np.floating]
+    first_vertex: NDArray[np.integer]
 
 
-def write_glb(solution: RadiositySolution, scene: Scene, path: str | Path, exposure: float = 0.0) -> None:
-    """Write the triangulated `scene` with the light of `solution` as .glb. See `RadiositySolution.to_glb`."""
+def write_glb(light: VertexLight, scene: Scene, path: str | Path, exposure: float = 0.0, **extras: str) -> None:
+    """Write the triangulated `scene` with its light as .glb. See `RadiositySolution.to_glb`.
+
+    extras : texts to store with the exposure
+    """
     path = check_suffix(path)
     if not abs(exposure) <= 100:
         raise UsageError(f"exposure is {exposure}; must be a number of stops from -100 to 100.")
@@ -43,10 +57,10 @@ def write_glb(solution: RadiositySolution, scene: Scene, path: str | Path, expos
         )
     )
     for number, shape in enumerate(scene.shapes):
-        primitives = _primitives(file, solution, scene, number, exposure)
+        primitives = _primitives(file, light, scene, number, exposure)
         if primitives:
             file.add_node(shape.name, mesh=file.add_mesh(shape.name, primitives))
-    file.save(path, exposure_stops=exposure, scene_hash=solution.scene_hash, method=solution.method)
+    file.save(path, exposure_stops=exposure, **extras)
 
 
 def check_suffix(path: str | Path) -> Path:
@@ -58,16 +72,16 @@ def check_suffix(path: str | Path) -> Path:
 
 
 def _primitives(
-    file: Glb, solution: RadiositySolution, scene: Scene, number: int, exposure: float
+    file: Glb, light: VertexLight, scene: Scene, number: int, exposure: float
 ) -> list[gltf_json.Primitive]:
     """Return the primitives of one shape: fronts and backs, without sides whose material is black."""
     shape = scene.shapes[number]
     material = scene.materials[shape.material]
     part = scene.shapes.ranges[number]
-    points, faces, triangle, b = _lattices(solution, scene, range(part.start, part.stop))
+    points, faces, triangle, b = _lattices(light, scene, range(part.start, part.stop))
     appearance = Appearance(scene)
     reflectance, emission = appearance.reflectance(triangle, b), appearance.emission(triangle, b)
-    first = int(solution.first_vertex[part.start])
+    first = int(light.first_vertex[part.start])
     position = file.add_array(points.astype(np.float32), bounds=True)
     found: list[gltf_json.Primitive] = []
     for back in range(2):
@@ -75,7 +89,7 @@ def _primitives(
         reflects = np.any(material.reflectance > 0) and (not back or material.two_sided)
         if not (emits or reflects):
             continue
-        irradiance = solution.vertices[:, back, first : first + len(points)].sum(axis=0)
+        irradiance = light.vertices[:, back, first : first + len(points)].sum(axis=0)
         radiance = reflectance * irradiance / np.pi if reflects else np.zeros((len(points), 3))
         if emits:
             radiance = radiance + emission
@@ -95,7 +109,7 @@ def _primitives(
 
 
 def _lattices(
-    solution: RadiositySolution, scene: Scene, triangles: range
+    light: VertexLight, scene: Scene, triangles: range
 ) -> tuple[Float64, NDArray[np.int64], NDArray[np.int64], Float64]:
     """Return vertices (V, 3) and elements (E, 3), as vertex indices, of some triangles' lattices.
 
@@ -103,7 +117,7 @@ def _lattices(
     """
     points, faces, barycentric, first = [], [], [], 0
     for t in triangles:
-        n = int(solution.divisions[t])
+        n = int(light.divisions[t])
         corners = scene.triangles[t]
         b = lattice.vertex_barycentrics(n)
         barycentric.append(b)

@@ -289,10 +289,13 @@ class RadiositySolution:
         Sides that neither reflect nor emit are left out. Raises SceneError for another scene, UsageError for
         another suffix, ImageError if the file cannot be written.
         """
-        from glpath.radiosity.glb import write_glb
+        from glpath.radiosity.glb import VertexLight, write_glb  # late, because few solutions are exported
 
         self.check_scene(scene)
-        write_glb(self, path_traceable(scene.still()), path, exposure)
+        light = VertexLight(self.divisions, self.vertices, self.first_vertex)
+        write_glb(
+            light, path_traceable(scene.still()), path, exposure, scene_hash=self.scene_hash, method=self.method
+        )
 
     def to_vtk(self, scene: Scene) -> VtkMesh:
         """Return the elements as triangles, for ParaView and PyVista: `.save("room.vtp")`, `.to_pyvista()`.
