@@ -175,7 +175,7 @@ class Horizon:
         """Write a result as .tif with the field's georeference, .npy, .npz, or .csv for points; see the guide."""
         from glpath.terrain.saving import save
 
-        save(path, self, np.asarray(values))
+        save(path, self.field, self.points, np.asarray(values))
 
     @cached_property
     def _pyramid(self) -> tuple[Float32, NDArray[np.int64]]:

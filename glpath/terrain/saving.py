@@ -6,17 +6,15 @@ import io
 import re
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import ImageError, UsageError, warn
 from glpath.system.files import reason_of, whole_file, write_bytes
+from glpath.terrain.height_field import HeightField
 from glpath.terrain.reading import package_for
-
-if TYPE_CHECKING:
-    from glpath.terrain.horizon import Horizon
 
 #: Suffixes of files with results at samples.
 MAP_SUFFIXES = (".tif", ".tiff", ".npy", ".npz")
@@ -35,8 +33,8 @@ def check_kind(path: str | Path, of_points: bool, more: tuple[str, ...] = ()) ->
         raise ImageError(f"{path}: cannot be written.", f"Results of {what} end in {', '.join(allowed)}.")
 
 
-def save(path: str | Path, found: Horizon, values: NDArray[Any]) -> None:
-    """Write values of receivers in the format of the path's suffix.
+def save(path: str | Path, field: HeightField, points: NDArray[np.float64] | None, values: NDArray[Any]) -> None:
+    """Write values at the field's samples, or at points (N, 3), in the format of the path's suffix.
 
     .tif : float32 raster with the field's georeference; NaN means no data
     .npy : only the values
@@ -46,31 +44,31 @@ def save(path: str | Path, found: Horizon, values: NDArray[Any]) -> None:
     Raises UsageError for values of another shape, ImageError for another suffix.
     """
     path = Path(path)
-    if values.shape != found.shape:
-        raise UsageError(f"{path}: values of shape {values.shape} where {found.shape} are results.")
-    check_kind(path, found.points is not None)
+    shape = field.shape if points is None else (len(points),)
+    if values.shape != shape:
+        raise UsageError(f"{path}: values of shape {values.shape} where {shape} are results.")
+    check_kind(path, points is not None)
     kind = path.suffix.lower()
     if kind == ".csv":
-        assert found.points is not None, "checked"
+        assert points is not None, "checked"
         text = io.StringIO()
         text.write("x,y,z,value\n")
-        np.savetxt(text, np.column_stack([found.points, values]), fmt=["%.15g"] * 3 + ["%.9g"], delimiter=",")
+        np.savetxt(text, np.column_stack([points, values]), fmt=["%.15g"] * 3 + ["%.9g"], delimiter=",")
         write_bytes(text.getvalue().encode(), path)
     elif kind == ".npy":
         with whole_file(path) as part, part.open("wb") as file:
             np.save(file, values)
     elif kind == ".npz":
-        x, y = found.field.coordinates()
-        at: dict[str, Any] = {"x": x, "y": y} if found.points is None else {"points": found.points}
+        x, y = field.coordinates()
+        at: dict[str, Any] = {"x": x, "y": y} if points is None else {"points": points}
         with whole_file(path) as part, part.open("wb") as file:
             np.savez_compressed(file, values=values, **at)
     else:
-        _save_geotiff(path, found, values)
+        _save_geotiff(path, field, values)
 
 
-def _save_geotiff(path: Path, found: Horizon, values: NDArray[Any]) -> None:
+def _save_geotiff(path: Path, field: HeightField, values: NDArray[Any]) -> None:
     rasterio = package_for("rasterio", "this file is written")
-    field = found.field
     (dx, dy), (x, y) = field.spacing, field.origin
     made = {
         "driver": "GTiff",
