@@ -41,8 +41,9 @@ from benchmarks.peers import cycles as cycles_peer
 from benchmarks.peers.mitsuba import comparable
 from benchmarks.verdict import Condition, Report, faults, judge, machine
 from glpath.bake.atlas import packed
-from glpath.bake.lightmap import Lightmap, Surfaces
+from glpath.bake.lightmap import Lightmap
 from glpath.bake.sides import Sides
+from glpath.bake.surfaces import AtlasSurfaces
 from glpath.errors import GlpathError
 from glpath.film.image import luminance
 from glpath.gl.context import Context, get_context
@@ -119,7 +120,7 @@ class Bakes:
         return max(least - each * long, 0.0) + each * max(1.0, long * noise2 / wanted2)
 
 
-def interior(surfaces: Surfaces) -> Bools:
+def interior(surfaces: AtlasSurfaces) -> Bools:
     """Return (h, w) bool for one page: rendered texels far from edges of their chart and from other geometry."""
     width, height = surfaces.atlas.size
     chart = np.full((height, width), -1, np.int64)
@@ -159,7 +160,7 @@ def bench_lightmap(scale: float = 1.0, say: Say = lambda text: None) -> Report:
         start = time.perf_counter()
         atlas = packed(still, sides.density, None, size)
         numbers[f"atlas_s_{name}"] = time.perf_counter() - start
-        surfaces = Surfaces.on(still, atlas, sides)
+        surfaces = AtlasSurfaces.on(still, atlas, sides)
         where = interior(surfaces)
         programs = {
             integrator: Bakes(counts[integrator], _ours(context, surfaces, sides, integrator))
@@ -243,10 +244,10 @@ def compared(programs: dict[str, Bakes], where: Bools) -> tuple[dict[str, float]
     return numbers, rows
 
 
-def _ours(context: Context, surfaces: Surfaces, sides: Sides, integrator: str) -> Draw:
+def _ours(context: Context, surfaces: AtlasSurfaces, sides: Sides, integrator: str) -> Draw:
     def draw(spp: int, seed: int) -> tuple[float, Float64]:
         start = time.perf_counter()
-        made = Surfaces.on(surfaces.scene, surfaces.atlas, sides)
+        made = AtlasSurfaces.on(surfaces.scene, surfaces.atlas, sides)
         job, seen = describe(made.scene, sensor=made.sensor(), spp=spp, integrator=integrator, seed=seed)
         page = Lightmap.of(made, run(job, context, scene=seen)).irradiance[0]
         return time.perf_counter() - start, page.astype(float)

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.peers import other_python
-from glpath.bake.lightmap import Surfaces
+from glpath.bake.surfaces import AtlasSurfaces
 from glpath.errors import GlpathError
 from glpath.film.film import read_image
 from glpath.scene.model import Float64, Scene
@@ -64,7 +64,7 @@ def write_scene(scene: Scene, max_depth: int, path: Path) -> None:
     np.savez(path, **arrays)  # type: ignore[arg-type]
 
 
-def write_bake(surfaces: Surfaces, max_depth: int, path: Path) -> None:
+def write_bake(surfaces: AtlasSurfaces, max_depth: int, path: Path) -> None:
     """Write the scene of one page as arrays for `cycles_worker`, to bake the same texels.
 
     size, bounces; for the F triangles that have texels: corners (F, 3, 3), uv (F, 3, 2) from 0 to 1, upwards,
@@ -162,7 +162,7 @@ class Cycles:
 
 
 @contextmanager
-def cycles(scene: Scene | Surfaces, max_depth: int) -> Iterator[Cycles]:
+def cycles(scene: Scene | AtlasSurfaces, max_depth: int) -> Iterator[Cycles]:
     """Start Cycles with a comparable scene to render, or with surfaces to bake, and render once to warm up.
 
     Raises GlpathError if Cycles is missing or fails.
@@ -170,7 +170,7 @@ def cycles(scene: Scene | Surfaces, max_depth: int) -> Iterator[Cycles]:
     version()
     with tempfile.TemporaryDirectory() as folder:
         described = Path(folder, "scene.npz")
-        if isinstance(scene, Surfaces):
+        if isinstance(scene, AtlasSurfaces):
             write_bake(scene, max_depth, described)
         else:
             write_scene(scene, max_depth, described)
@@ -183,7 +183,7 @@ def cycles(scene: Scene | Surfaces, max_depth: int) -> Iterator[Cycles]:
         ) as process:
             try:
                 program = Cycles(process, Path(folder))
-                (program.bake if isinstance(scene, Surfaces) else program.render)(1, 0)
+                (program.bake if isinstance(scene, AtlasSurfaces) else program.render)(1, 0)
                 yield program
             finally:
                 process.kill()

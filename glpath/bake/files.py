@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bake.diffuse import reflected
 from glpath.bake.pages import pages_of
+from glpath.bake.surfaces import AtlasSurfaces
 from glpath.errors import SceneError, warn
 from glpath.film.image import encode_png, encode_srgb, write_exr
 from glpath.film.units import symbol
@@ -26,7 +28,6 @@ from glpath.system.files import replacing_links, write_bytes
 
 if TYPE_CHECKING:
     from glpath.bake.atlas import Atlas
-    from glpath.bake.lightmap import Lightmap
 
 #: Maximum number of samples over which the base colour of a texel is averaged.
 _COLOUR_SAMPLES = 5
@@ -34,12 +35,22 @@ _COLOUR_SAMPLES = 5
 _METAL = 0.99
 
 
-def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] | None) -> list[Path]:
-    """Write the scene with unlit materials, whose colour is the baked light; see `Lightmap.save`."""
-    scene, atlas = baked.scene, baked.atlas
+def write_unlit(
+    surfaces: AtlasSurfaces,
+    irradiance: NDArray[np.float32],
+    path: Path,
+    exposure: float,
+    extras: Mapping[str, Any],
+) -> list[Path]:
+    """Write the scene with unlit materials, whose colour is the baked light; see `Lightmap.save`.
+
+    irradiance : (P, h, w, 3) light of the pages
+    exposure   : exposure in stops
+    extras     : description to store with the exposure
+    """
+    scene, atlas = surfaces.scene, surfaces.atlas
     _warn_of_what_is_left_out(scene, path)
-    radiance, opacity = radiance_of(baked)
-    exposure = baked.exposure_stops(exposure)
+    radiance, opacity = radiance_of(surfaces, irradiance)
     colours = np.round(255 * encode_srgb(np.clip(radiance * 2.0**exposure, 0.0, 1.0))).astype(np.uint8)
     alpha = np.round(255 * np.clip(opacity, 0.0, 1.0)).astype(np.uint8)
     file = Glb(scene)
@@ -77,24 +88,27 @@ def write_unlit(baked: Lightmap, path: Path, exposure: float | Literal["auto"] |
             primitives.append(gltf_json.Primitive(attributes=attributes, indices=indices, material=materials[key]))
         if primitives:
             file.add_node(shape.name, mesh=file.add_mesh(shape.name, primitives))
-    film = baked.film
-    file.save(
-        path,
-        exposure_stops=exposure,
-        scene_hash=film.metadata.scene_hash,
-        spp=film.path_sets,
-        **baked.quality(),
-    )
+    file.save(path, exposure_stops=exposure, **extras)
     return [path]
 
 
-def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
-    """Write the scene with its original materials, and the light maps beside it; see `Lightmap.save`."""
-    scene, atlas = baked.scene, baked.atlas
-    ranges = [max(float(page.max()), 1e-9) for page in baked.irradiance]
+def write_kept(
+    surfaces: AtlasSurfaces,
+    irradiance: NDArray[np.float32],
+    path: Path,
+    quality: Mapping[str, Any],
+    moz: bool,
+) -> list[Path]:
+    """Write the scene with its original materials, and the light maps beside it; see `Lightmap.save`.
+
+    irradiance : (P, h, w, 3) light of the pages
+    quality    : values of `Lightmap.quality`
+    """
+    scene, atlas = surfaces.scene, surfaces.atlas
+    ranges = [max(float(page.max()), 1e-9) for page in irradiance]
     pictures = [
         np.round(255 * np.clip(page / range_, 0.0, 1.0)).astype(np.uint8)
-        for page, range_ in zip(baked.irradiance, ranges, strict=True)
+        for page, range_ in zip(irradiance, ranges, strict=True)
     ]
     shapes, page_of = [], []
     materials = [_with_first_uv(material) for material in scene.materials]
@@ -123,16 +137,16 @@ def write_kept(baked: Lightmap, path: Path, moz: bool) -> list[Path]:
     notes = write_gltf(made, path, [(pictures[page], ranges[page]) for page in page_of] if moz else None)
     for text in notes:
         warn(f"{path}: {text}.", late=True)
-    for page, (light, picture, range_) in enumerate(zip(baked.irradiance, pictures, ranges, strict=True)):
+    for page, (light, picture, range_) in enumerate(zip(irradiance, pictures, ranges, strict=True)):
         header = {
             "quantity": "irradiance",
             "unit": symbol(scene.unit, "irradiance"),
             "primaries": "linear Rec. 709",
         }
-        about_page = {"texCoord": "1", "page": str(page), "denoised": str(baked.denoised).lower()}
+        about_page = {"texCoord": "1", "page": str(page), "denoised": str(quality["denoised"]).lower()}
         exr, png, about_file = page_files(path, page)
         about = header | {"range": range_, "encoding": "linear: irradiance = range * value / 255", "texCoord": 1}
-        about |= baked.quality()
+        about |= quality
         about["shapes"] = sorted({s.name for s, p in zip(shapes, page_of, strict=True) if p == page})
         with replacing_links():
             write_exr(exr, light, header | about_page)
@@ -206,14 +220,12 @@ def _parts(
 
 
 def radiance_of(
-    baked: Lightmap, irradiance: NDArray[np.float32] | None = None
+    surfaces: AtlasSurfaces, irradiance: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return pages of exitant radiance, (P, h, w, 3), W sr^-1 m^-2, and of opacity, (P, h, w, 1).
 
-    irradiance : (P, h, w, 3), used instead of the lightmap's own
+    irradiance : (P, h, w, 3) light of the pages
     """
-    irradiance = baked.irradiance if irradiance is None else irradiance
-    surfaces = baked.surfaces
     texels, atlas = surfaces.texels, surfaces.atlas
     samples = np.unique(np.linspace(0, len(texels.face) - 1, _COLOUR_SAMPLES).round().astype(int))
     sums = np.zeros((len(texels.row), 7))

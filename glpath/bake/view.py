@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.bake.sides import cast
+from glpath.bake.surfaces import AtlasSurfaces
 from glpath.radiosity.shafts.rays import rays_of
 from glpath.scene.appearance import Appearance
 from glpath.scene.model import Float64
 
 if TYPE_CHECKING:
-    from glpath.bake.atlas import Atlas
-    from glpath.bake.lightmap import Lightmap
+    pass
 
 Int64 = NDArray[np.int64]
 
@@ -33,13 +33,14 @@ _PANES = 4
 _RAYS_PER_SIDE = 3
 
 
-def seen_by_camera(baked: Lightmap) -> Float64:
+def seen_by_camera(surfaces: AtlasSurfaces, irradiance: NDArray[np.float32]) -> Float64:
     """Return (h, w, 3) radiance of the camera's view, W sr^-1 m^-2, linear Rec. 709.
 
     A pixel is the mean of several rays. It is NaN if one of them meets streamed triangles, which have no texels.
-    Texels whose rendered light is zero are black, even if a denoiser has spread light to them.
+
+    irradiance : (P, h, w, 3) light of the pages, zero at texels whose rendered light is zero
     """
-    scene = baked.scene
+    scene = surfaces.scene
     camera = scene.camera.at()
     width, height = camera.resolution
     over = _LONGEST / max(width, height)
@@ -52,7 +53,7 @@ def seen_by_camera(baked: Lightmap) -> Float64:
     transmittance = look.side_transmittance()
     clear = np.array([scene.materials[shape.material].clear for shape in scene.shapes]) > 0.5
     left, own = np.arange(len(directions)), np.full(len(directions), -1)
-    streamed = baked.surfaces.streamed
+    streamed = surfaces.streamed
     remaining = np.full(len(directions), np.inf)  # distance from the ray's origin to streamed triangles
     if streamed is not None:
         remaining = streamed.cast(origins, directions).distance
@@ -73,13 +74,14 @@ def seen_by_camera(baked: Lightmap) -> Float64:
         through = clear[scene.triangle_shape[hit]]
         some = ~through
         b = _barycentric(scene.triangles[hit[some]], origins[left[some]])
-        light = _looked_up(baked, hit[some], back[some], b)
+        light = _looked_up(surfaces, irradiance, hit[some], back[some], b)
         shape = scene.triangle_shape[hit[some]]
         twice = np.array([s.emission_two_sided for s in scene.shapes])[shape]
         emission = look.emission(hit[some], b) * ((back[some] == 0) | twice)[:, None]
         sent = scene.side_reflectance[back[some], hit[some]] * light
         if transmittance.any():
-            sent += transmittance[1 - back[some], hit[some]] * _looked_up(baked, hit[some], 1 - back[some], b)
+            on_back = _looked_up(surfaces, irradiance, hit[some], 1 - back[some], b)
+            sent += transmittance[1 - back[some], hit[some]] * on_back
         found[left[some]] = sent / np.pi + emission
         left = left[through]
         if not len(left):
@@ -88,18 +90,20 @@ def seen_by_camera(baked: Lightmap) -> Float64:
     return np.asarray(pixels.mean(axis=(1, 3)))
 
 
-def _looked_up(baked: Lightmap, triangle: Int64, side: Int64, b: Float64) -> Float64:
+def _looked_up(
+    surfaces: AtlasSurfaces, irradiance: NDArray[np.float32], triangle: Int64, side: Int64, b: Float64
+) -> Float64:
     """Return irradiance (N, 3) at barycentric coordinates (N, 2); zero on sides that have no texels."""
-    atlas: Atlas = baked.atlas
-    face_of = np.full((len(baked.scene.triangles), 2), -1)
+    atlas = surfaces.atlas
+    face_of = np.full((len(surfaces.scene.triangles), 2), -1)
     face_of[atlas.triangle, atlas.side] = np.arange(len(atlas.triangle))
     face = face_of[triangle, side]
     uv = atlas.uv[face]
     at = uv[:, 0] + np.einsum("nc,ncx->nx", b, uv[:, 1:] - uv[:, :1])
     column, row = np.clip(np.floor(at).astype(np.int64), 0, np.array(atlas.size) - 1).T
     texel = atlas.page[face], row, column
-    light = baked.irradiance[texel].astype(np.float64)
-    light[(face < 0) | ~baked.lit[texel]] = 0.0
+    light = irradiance[texel].astype(np.float64)
+    light[face < 0] = 0.0
     return np.asarray(light)
 
 

@@ -155,7 +155,8 @@ def lightmap(
     them. Of shiny materials and glass, only the diffuse part is baked. Mirrors and metal are baked as if they were
     rough. Ctrl-C ends the render, and the light so far is written.
     """
-    from glpath.bake.lightmap import check_density, check_glb
+    from glpath.bake.lightmap import check_glb
+    from glpath.bake.surfaces import check_density
 
     check_glb(out)
     for option, found, allowed in (

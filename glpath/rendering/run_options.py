@@ -25,7 +25,6 @@ from glpath.system.time_limit import check_time_limit
 if TYPE_CHECKING:
     from glpath.film.film import Film
     from glpath.gl.context import Context
-    from glpath.rendering.job import RenderJob
     from glpath.rendering.progress import Progress
     from glpath.scene import Scene
 
@@ -33,8 +32,8 @@ if TYPE_CHECKING:
 class Workers(Protocol):
     """Interface of workers that render a job instead of this process: `glpath.jobs.cluster.Cluster`."""
 
-    def render(self, job: RenderJob, scene: Scene, options: RunOptions) -> Film:
-        """Return the film of the job. `scene` is the job's loaded scene, and `options.cluster` is None."""
+    def render(self, job: Any, scene: Scene, options: RunOptions) -> Film:
+        """Return the film of a `RenderJob`. `scene` is the job's loaded scene, and `options.cluster` is None."""
 
 
 class RunKeywords(TypedDict, total=False):

@@ -18,9 +18,10 @@ import glpath
 from glpath.bake import atlas
 from glpath.bake.atlas import Atlas
 from glpath.bake.files import radiance_of, write_kept
-from glpath.bake.lightmap import Bake, Lightmap, Surfaces
+from glpath.bake.lightmap import Bake, Lightmap
 from glpath.bake.pages import pages_of
 from glpath.bake.sides import Sides
+from glpath.bake.surfaces import AtlasSurfaces
 from glpath.bake.texels import Texels, lattice, rasterised
 from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning, UsageError
@@ -43,7 +44,7 @@ def lamp_irradiance(points: np.ndarray) -> np.ndarray:
     return polygon_irradiance(points, (0.0, 0.0, 1.0), LAMP["corners"])
 
 
-def of_shape(surfaces: Surfaces, name: str) -> np.ndarray:
+def of_shape(surfaces: AtlasSurfaces, name: str) -> np.ndarray:
     """(N,): which texels are of a shape's front."""
     scene, atlas = surfaces.scene, surfaces.atlas
     number = [shape.name for shape in scene.shapes].index(name)
@@ -51,7 +52,7 @@ def of_shape(surfaces: Surfaces, name: str) -> np.ndarray:
     return (scene.triangle_shape[atlas.triangle[face]] == number) & (atlas.side[face] == 0)
 
 
-def positions(surfaces: Surfaces) -> np.ndarray:
+def positions(surfaces: AtlasSurfaces) -> np.ndarray:
     """(S, N, 3) of all samples."""
     texels = surfaces.texels
     return np.stack([texels.positions(surfaces.scene, surfaces.atlas, s) for s in range(len(texels.face))])
@@ -68,7 +69,7 @@ def quietly(baked: Lightmap, path: Path, **options: Any) -> list[Path]:
 
 def test_many_charts_fit_a_small_page_by_narrower_gutters() -> None:
     """Of the furniture of `room` there are 1,797, whose gutters of four texels alone do not fit."""
-    surfaces = Surfaces.of(glpath.load_scene("room"), size=512)
+    surfaces = AtlasSurfaces.of(glpath.load_scene("room"), size=512)
     assert surfaces.atlas.chart.max() > 1000
     assert surfaces.atlas.size == (512, 512)
     assert len(surfaces.inside) > 0.2 * 512**2
@@ -87,7 +88,7 @@ def test_charts_that_fit_no_page_are_refused_after_few_trials(monkeypatch: pytes
     corners = np.random.default_rng(0).random((400, 1, 3)) + 0.1 * np.eye(3)
     leaves = {"type": "mesh", "vertices": corners.reshape(-1, 3), "faces": np.arange(1200).reshape(-1, 3)}
     with pytest.raises(UsageError, match=r"64 x 64 texels is too small: \d+ charts"):
-        Surfaces.of(scene_of(leaves, ambient=1.0), size=64)
+        AtlasSurfaces.of(scene_of(leaves, ambient=1.0), size=64)
     assert len(trials) <= 8
 
 
@@ -96,7 +97,7 @@ def test_small_triangles_of_a_large_scene_are_on_a_page(tmp_path: Path) -> None:
     ground = {"type": "quad", "corners": [[-500, -500, 0], [500, -500, 0], [500, 500, 0], [-500, 500, 0]]}
     pebble = {"name": "pebble", "type": "sphere", "center": [0, 0, 0.5], "radius": 0.1}
     splinter = {"type": "mesh", "vertices": [[5, 5, 5], [5.00001, 5, 5], [5, 5.00001, 5]], "faces": [[0, 1, 2]]}
-    surfaces = Surfaces.of(scene_of(ground, pebble, splinter, ambient=1.0), texels=0.2, size=256)
+    surfaces = AtlasSurfaces.of(scene_of(ground, pebble, splinter, ambient=1.0), texels=0.2, size=256)
     found, scene = surfaces.atlas, surfaces.scene
     names = [scene.shapes[number].name for number in scene.triangle_shape[found.triangle]]
     assert names.count("pebble") == np.sum(scene.triangle_shape == 1)
@@ -113,7 +114,7 @@ def test_a_chart_that_is_larger_than_a_page_is_told_of() -> None:
     with pytest.warns(
         SceneWarning, match=r"2 of 8 charts are larger than a page of 128 x 128 and have 1\.\d+ texels"
     ):
-        Surfaces.of(scene, texels=8, size=128)
+        AtlasSurfaces.of(scene, texels=8, size=128)
 
 
 @pytest.mark.parametrize("options", [{"texels": 1e5}, {"size": 8192}])
@@ -121,7 +122,7 @@ def test_texels_that_fit_no_memory_are_refused(options: dict[str, Any], monkeypa
     """64 texels per unit of a square kilometre ended by the system's killer of processes."""
     monkeypatch.setattr("glpath.radiosity.memory.available_bytes", lambda: 20_000_000_000)
     with pytest.raises(UsageError, match=r"so many texels would need about .* GB of memory(.|\n)*Give "):
-        Surfaces.of(scene_of(FLOOR, LAMP), **options)
+        AtlasSurfaces.of(scene_of(FLOOR, LAMP), **options)
 
 
 def test_every_texel_that_a_triangle_touches_has_samples_at_the_nearest_places() -> None:
@@ -185,7 +186,7 @@ def test_lights_that_are_off_light_nothing() -> None:
 
 def test_texels_under_a_block_are_inside_and_get_the_light_beside_it() -> None:
     block = box("block", [-0.5, -0.5, 0], [0.2, 0.3, 0.6])
-    surfaces = Surfaces.of(scene_of(FLOOR, block, LAMP), size=128)
+    surfaces = AtlasSurfaces.of(scene_of(FLOOR, block, LAMP), size=128)
     floor = of_shape(surfaces, "floor")
     place = positions(surfaces)
     under = (place[..., 0] > -0.5) & (place[..., 0] < 0.2) & (place[..., 1] > -0.5) & (place[..., 1] < 0.3)
@@ -209,7 +210,7 @@ def test_a_texel_that_a_wall_without_thickness_crosses_is_on_one_side_of_it() ->
     }
     other = LAMP | {"name": "other", "corners": [[x + 3, y, z] for x, y, z in LAMP["corners"]]}
     both = [LAMP | {"corners": [[x - 1, y, z] for x, y, z in LAMP["corners"]]}, other]
-    surfaces = Surfaces.of(scene_of(FLOOR, wall | {"material": "grey"}, *both), size=96)
+    surfaces = AtlasSurfaces.of(scene_of(FLOOR, wall | {"material": "grey"}, *both), size=96)
     floor = of_shape(surfaces, "floor")
     beyond = positions(surfaces)[:, floor, 0] > 0.013
     assert (beyond.all(axis=0) | ~beyond.any(axis=0)).all()
@@ -361,7 +362,7 @@ def test_materials_are_kept_and_the_light_is_beside(lit_floor: Lightmap, tmp_pat
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # of MOZ_lightmap, which is not used
         read = load_scene(tmp_path / "a.glb")
-    again = Surfaces.of(read, size=48, uv="keep")
+    again = AtlasSurfaces.of(read, size=48, uv="keep")
     found = lit_floor.irradiance[again.texels.index]
     for name in ("floor", "lamp"):
         which = of_shape(again, name)
@@ -427,27 +428,26 @@ GOOD = [[0.1, 0.1], [0.4, 0.1], [0.4, 0.4], [0.1, 0.4]]
 
 
 def test_coordinates_of_the_file_are_kept_if_they_are_an_unwrapping() -> None:
-    surfaces = Surfaces.of(with_uv1(GOOD), size=40, uv="keep")
+    surfaces = AtlasSurfaces.of(with_uv1(GOOD), size=40, uv="keep")
     rows = surfaces.texels.row[of_shape(surfaces, "floor")]
     assert (rows.min(), rows.max()) == (24, 35), "v runs upwards"
     with pytest.raises(SceneError, match="not within 0 to 1"):
-        Surfaces.of(with_uv1([[0.1, 0.1], [1.4, 0.1], [1.4, 0.4], [0.1, 0.4]]), size=40, uv="keep")
+        AtlasSurfaces.of(with_uv1([[0.1, 0.1], [1.4, 0.1], [1.4, 0.4], [0.1, 0.4]]), size=40, uv="keep")
     with pytest.raises(SceneError, match='"floor" and "lamp" overlap'):
-        Surfaces.of(with_uv1(GOOD, apart=0.1), size=40, uv="keep")
+        AtlasSurfaces.of(with_uv1(GOOD, apart=0.1), size=40, uv="keep")
     with pytest.raises(SceneError, match="no second texture coordinates"):
-        Surfaces.of(scene_of(FLOOR, LAMP), size=40, uv="keep")
+        AtlasSurfaces.of(scene_of(FLOOR, LAMP), size=40, uv="keep")
 
 
 def test_a_two_sided_lamp_with_kept_coordinates_stays_two_sided(tmp_path: Path) -> None:
     scene = with_uv1(GOOD)
     shapes = tuple(replace(shape, emission_two_sided=shape.emits) for shape in scene.shapes)
     materials = tuple(replace(material, two_sided=True) for material in scene.materials)
-    surfaces = Surfaces.of(replace(scene, shapes=shapes, materials=materials), size=40, uv="keep")
+    surfaces = AtlasSurfaces.of(replace(scene, shapes=shapes, materials=materials), size=40, uv="keep")
     page = np.ones((1, 40, 40, 3), np.float32)
-    made = Mock(scene=surfaces.scene, atlas=surfaces.atlas, irradiance=page, denoised=False, quality=dict)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        write_kept(made, tmp_path / "a.glb", False)
+        write_kept(surfaces, page, tmp_path / "a.glb", {"denoised": False}, False)
     read = load_scene(tmp_path / "a.glb")
     (lamp,) = (shape for shape in read.shapes if shape.emits)
     assert lamp.emission_two_sided
@@ -561,7 +561,7 @@ def test_metal_is_baked_as_if_it_were_rough_and_that_is_told(tmp_path: Path) -> 
     half, gold = (str(warning.message) for warning in told)
     assert 'material "half": the diffuse part alone is baked' in half
     assert 'material "gold": metal and mirrors' in gold
-    radiance, opacity = radiance_of(baked)
+    radiance, opacity = radiance_of(baked.surfaces, baked.irradiance)
     page = (radiance * np.pi / np.maximum(baked.irradiance, 1e-9))[baked.baked & (opacity[..., 0] > 0)]
     of_gold = np.abs(page - [1.0, 0.8, 0.3]).max(axis=1) < 0.02
     assert of_gold.mean() > 0.5, "the floor reflects as much as it did, to all sides"
@@ -606,7 +606,7 @@ def test_sizes_that_are_none_are_refused(wrong: dict[str, Any]) -> None:
 
 
 def test_a_size_may_be_numpys() -> None:
-    assert Surfaces.of(glpath.load_scene("cornell-box"), size=np.int64(64)).atlas.size == (64, 64)
+    assert AtlasSurfaces.of(glpath.load_scene("cornell-box"), size=np.int64(64)).atlas.size == (64, 64)
 
 
 @pytest.mark.parametrize(("roughness", "warns"), [(0.9, False), (0.5, True)])
@@ -628,7 +628,7 @@ def test_a_matte_material_is_not_warned_of(tmp_path: Path, roughness: float, war
 
 @pytest.mark.filterwarnings("error::glpath.errors.SceneWarning")
 def test_lightmap_is_written_whole_before_its_warning_is_raised(tmp_path: Path) -> None:
-    surfaces = Surfaces.of(with_uv1(GOOD), size=40, uv="keep")
+    surfaces = AtlasSurfaces.of(with_uv1(GOOD), size=40, uv="keep")
     materials = tuple(replace(material, mirror=np.full(3, 0.5)) for material in surfaces.scene.materials)
     scene = replace(surfaces.scene, materials=materials)
     page = np.ones((1, 40, 40, 3), np.float32)

@@ -9,9 +9,9 @@ import pytest
 import trimesh
 
 import glpath
-from glpath.bake.lightmap import Surfaces
 from glpath.bake.pages import pages_of
 from glpath.bake.seams import Seams
+from glpath.bake.surfaces import AtlasSurfaces
 from glpath.scene import Scene
 from tests.support.lightmap_scenes import FLOOR, LAMP, box, scene_of
 
@@ -76,7 +76,9 @@ def known(normals: np.ndarray, positions: np.ndarray, towards: np.ndarray = TOWA
     return light[:, None] * [1.0, 0.8, 0.3]
 
 
-def lit(surfaces: Surfaces, noise: float = 0.0, towards: np.ndarray = TOWARDS) -> tuple[np.ndarray, np.ndarray]:
+def lit(
+    surfaces: AtlasSurfaces, noise: float = 0.0, towards: np.ndarray = TOWARDS
+) -> tuple[np.ndarray, np.ndarray]:
     """Pages with that light, and where they are baked."""
     scene, atlas, texels = surfaces.scene, surfaces.atlas, surfaces.texels
     samples = range(len(texels.face))
@@ -94,7 +96,7 @@ def steps(seams: Seams, pages: np.ndarray, baked: np.ndarray) -> np.ndarray:
     return np.abs(a - b).max(axis=1) / np.maximum(0.5 * (a + b).mean(axis=1), 0.01 * mean)
 
 
-def shown(surfaces: Surfaces, towards: np.ndarray = TOWARDS) -> tuple[Seams, np.ndarray]:
+def shown(surfaces: AtlasSurfaces, towards: np.ndarray = TOWARDS) -> tuple[Seams, np.ndarray]:
     """Places all over "it", and the light there."""
     scene, atlas = surfaces.scene, surfaces.atlas
     faces = np.flatnonzero(scene.triangle_shape[atlas.triangle] == 0)
@@ -121,7 +123,7 @@ def shown(surfaces: Surfaces, towards: np.ndarray = TOWARDS) -> tuple[Seams, np.
     ],
 )
 def test_no_step_is_seen_and_light_stays_where_it_is(mesh: Any, options: dict[str, Any]) -> None:
-    surfaces = Surfaces.of(scene_with(mesh()) if mesh else scene_of(BALL, FLOOR, LAMP), **options)
+    surfaces = AtlasSurfaces.of(scene_with(mesh()) if mesh else scene_of(BALL, FLOOR, LAMP), **options)
     assert surfaces.atlas.pages > 1 or "texels" not in options
     seams = Seams.of(surfaces.scene, surfaces.atlas)
     before, baked = lit(surfaces)
@@ -151,7 +153,7 @@ def test_no_step_is_seen_and_light_stays_where_it_is(mesh: Any, options: dict[st
 @pytest.mark.evidence
 def test_stitching_makes_light_neither_brighter_nor_darker() -> None:
     """The mean of what is shown, for lights from sixteen directions."""
-    surfaces = Surfaces.of(scene_with(terrain()), size=192)
+    surfaces = AtlasSurfaces.of(scene_with(terrain()), size=192)
     seams = Seams.of(surfaces.scene, surfaces.atlas)
     rng, moved = np.random.default_rng(3), []
     for _ in range(16):
@@ -167,7 +169,7 @@ def test_stitching_makes_light_neither_brighter_nor_darker() -> None:
 
 
 def test_noise_at_seams_becomes_less_and_not_darker() -> None:
-    surfaces = Surfaces.of(scene_of(BALL, FLOOR, LAMP), size=256)
+    surfaces = AtlasSurfaces.of(scene_of(BALL, FLOOR, LAMP), size=256)
     seams = Seams.of(surfaces.scene, surfaces.atlas)
     clean, baked = lit(surfaces)
     noisy, _ = lit(surfaces, noise=0.1)
@@ -202,7 +204,7 @@ def test_the_light_of_all_kinds_of_surfaces_goes_on(mesh: Any, integrator: str) 
 
 
 def test_light_of_one_colour_and_none_at_all() -> None:
-    surfaces = Surfaces.of(scene_of(BALL, FLOOR, LAMP), size=80)
+    surfaces = AtlasSurfaces.of(scene_of(BALL, FLOOR, LAMP), size=80)
     seams = Seams.of(surfaces.scene, surfaces.atlas)
     pages, baked = lit(surfaces)
     blue = seams.stitched(pages * np.float32([0, 0, 1]), baked)
@@ -212,5 +214,5 @@ def test_light_of_one_colour_and_none_at_all() -> None:
 
 
 def test_a_seam_is_where_the_surface_is_smooth_and_the_page_is_not() -> None:
-    surfaces = Surfaces.of(scene_of(box("block", [0, 0, 0], [1, 1, 1]), LAMP), size=64)
+    surfaces = AtlasSurfaces.of(scene_of(box("block", [0, 0, 0], [1, 1, 1]), LAMP), size=64)
     assert len(Seams.of(surfaces.scene, surfaces.atlas)) == 0, "edges of a cube are edges"

@@ -13,10 +13,10 @@ import trimesh
 from typer.testing import CliRunner
 
 import glpath
-from glpath.bake import atlas, lightmap
-from glpath.bake.lightmap import Surfaces
+from glpath.bake import atlas, surfaces
 from glpath.bake.overlaps import overlapping
 from glpath.bake.sides import Sides, _lit
+from glpath.bake.surfaces import AtlasSurfaces
 from glpath.cli.main import app
 from glpath.errors import GlpathError, SceneWarning, TimeLimitError, UsageError
 from glpath.io import load_scene
@@ -131,7 +131,7 @@ def test_every_triangle_is_shown_whatever_the_seed(name: str) -> None:
 @pytest.mark.parametrize("name", [pytest.param("parlour", marks=pytest.mark.evidence), *FOREIGN])
 def test_every_triangle_is_in_the_file(name: str, tmp_path: Path) -> None:
     scene = in_triangles(name)
-    found = Surfaces.of(scene, size=512).atlas
+    found = AtlasSurfaces.of(scene, size=512).atlas
     assert np.array_equal(np.unique(found.triangle), np.arange(len(scene.triangles)))
     assert (found.page == 0).all()
     assert np.isfinite(found.uv).all()
@@ -196,7 +196,7 @@ def test_dark_sides_have_texels_but_fewer() -> None:
     floor = box(6, (0, 0, -3.5))
     sides = Sides.of(scene_of(crate, floor, **SKY))
     assert set(np.unique(sides.density[:10])) == {0.25, 1.0}
-    found = Surfaces.of(scene_of(crate, floor, **SKY), size=256).atlas
+    found = AtlasSurfaces.of(scene_of(crate, floor, **SKY), size=256).atlas
     assert np.sort(np.bincount(found.triangle)).tolist() == [1] * 12 + [2] * 10
 
 
@@ -279,7 +279,7 @@ def test_areas_are_not_found_anew_for_each_instance(monkeypatch: pytest.MonkeyPa
     areas = Scene.areas.fget  # type: ignore[attr-defined]
     monkeypatch.setattr(Scene, "areas", property(lambda scene: calls.append(1) or areas(scene)))
     scene = scene_of(*(box(0.1, (x, y, 0)) for x in range(10) for y in range(10)), **SKY)
-    Surfaces.of(scene, size=512)
+    AtlasSurfaces.of(scene, size=512)
     assert len(calls) < 60
 
 
@@ -291,20 +291,20 @@ def test_what_would_take_an_hour_is_refused_with_an_estimate(monkeypatch: pytest
         atlas.packed(scene_of(box(), **SKY), np.ones((12, 2)), None, 256)
     many = scene_of(*(box(0.1, (x, y, 0)) for x in range(10) for y in range(10)), **SKY)
     with pytest.raises(UsageError, match="has 100 meshes and instances"):
-        Surfaces.of(many, size=16)
+        AtlasSurfaces.of(many, size=16)
 
 
 def test_default_page_grows_until_all_charts_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     """The page that is chosen is the smallest power of two that may be given as a size."""
-    monkeypatch.setattr(lightmap, "DEFAULT_SIZE", 16)
+    monkeypatch.setattr(surfaces, "DEFAULT_SIZE", 16)
     many = scene_of(*(box(0.1, (x, y, 0)) for x in range(4) for y in range(4)), **SKY)
-    found = Surfaces.of(many).atlas
+    found = AtlasSurfaces.of(many).atlas
     assert (found.pages, found.size[0] > 16) == (1, True)
     with pytest.raises(UsageError, match="too small"):
-        Surfaces.of(many, size=found.size[0] // 2)
-    monkeypatch.setattr(lightmap, "LARGEST_PAGE", 16)
+        AtlasSurfaces.of(many, size=found.size[0] // 2)
+    monkeypatch.setattr(surfaces, "LARGEST_PAGE", 16)
     with pytest.raises(UsageError, match="a page of 16 x 16 texels is too small"):
-        Surfaces.of(many)
+        AtlasSurfaces.of(many)
 
 
 def test_atlas_that_takes_longer_than_the_time_left_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 import glpath
-from glpath.bake.lightmap import Bake, Surfaces
+from glpath.bake.lightmap import Bake
 from glpath.bake.probes import ProbeGrid
 from glpath.bake.streamed import StreamedRays
+from glpath.bake.surfaces import AtlasSurfaces
 from glpath.bake.view import seen_by_camera
 from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning, UsageError
@@ -87,12 +88,12 @@ def in_memory(triangles: Triangles, **more: Any) -> dict[str, Any]:
     return {"vertices": vertices, "faces": np.arange(len(vertices)).reshape(-1, 3), **more}
 
 
-def middles(surfaces: Surfaces) -> Triangles:
+def middles(surfaces: AtlasSurfaces) -> Triangles:
     """(N, 3) of the texels' middle samples."""
     return surfaces.texels.positions(surfaces.scene, surfaces.atlas, len(surfaces.texels.face) // 2)
 
 
-def of_walls(surfaces: Surfaces) -> NDArray[np.bool_]:
+def of_walls(surfaces: AtlasSurfaces) -> NDArray[np.bool_]:
     """(N,) texels of what stands upright."""
     return np.abs(surfaces.atlas.normals(surfaces.scene)[surfaces.texels.face[0], 1]) < 0.1
 
@@ -158,7 +159,7 @@ def test_a_wall_has_no_fringe_where_it_enters_the_ground(ground: str) -> None:
 @pytest.mark.parametrize("budget", [1, 64])
 def test_texels_below_the_ground_are_inside(ground: str, budget: int) -> None:
     scene = scene_of(BLACK_BOX, streamed(GROUNDS[ground]), **SKY)
-    surfaces = Surfaces.of(scene, size=48, geometry_budget=budget)
+    surfaces = AtlasSurfaces.of(scene, size=48, geometry_budget=budget)
     np.testing.assert_array_equal(surfaces.inside, middles(surfaces)[:, 1] < LEVEL)
     samples = [surfaces.texels.positions(surfaces.scene, surfaces.atlas, s) for s in range(13)]
     assert min(each[~surfaces.inside, 1].min() for each in samples) > LEVEL  # of a texel that is partly below, too
@@ -169,7 +170,7 @@ def test_a_scene_in_parts_covers_what_it_covers_as_a_whole() -> None:
     house = {"type": "box", "min": [-1, -1, -1], "max": [1, 1, 1], "material": "black"}
     triangles = np.concatenate([vertices[faces] for vertices, faces in map(hills.chunk, range(16))]).astype(float)
     scene = scene_of(house, streamed(triangles, 500), **SKY)
-    few, one = (Surfaces.of(scene, size=48, geometry_budget=budget) for budget in (1, 64))
+    few, one = (AtlasSurfaces.of(scene, size=48, geometry_budget=budget) for budget in (1, 64))
     np.testing.assert_array_equal(few.inside, one.inside)
     assert 0.2 < few.inside.mean() < 0.8
     np.testing.assert_array_equal(few.texels.face, one.texels.face)
@@ -191,7 +192,7 @@ def test_a_room_in_the_ground_is_not_covered() -> None:
             **SKY,
         }
     )
-    assert not Surfaces.of(scene, size=64).inside.any()
+    assert not AtlasSurfaces.of(scene, size=64).inside.any()
 
 
 def test_a_room_with_a_hole_in_its_wall_is_not_covered() -> None:
@@ -210,7 +211,7 @@ def test_a_room_with_a_hole_in_its_wall_is_not_covered() -> None:
             **SKY,
         }
     )
-    surfaces = Surfaces.of(scene, size=64)
+    surfaces = AtlasSurfaces.of(scene, size=64)
     opposite = middles(surfaces)[:, 0] < 0
     assert opposite.sum() > 500
     assert not surfaces.inside[opposite].any()
@@ -221,13 +222,13 @@ def test_a_streamed_roof_covers_nothing_that_light_gets_to() -> None:
     floor = {"type": "quad", "corners": [[-9, 0, 9], [9, 0, 9], [9, 0, -9], [-9, 0, -9]], "material": "grey"}
     post = {"type": "box", "min": [-0.5, 0.1, -0.5], "max": [0.5, 1.9, 0.5], "material": "grey"}
     scene = scene_of(floor, post, streamed(sheet(2.0, extent=8.0)), **SKY)
-    surfaces = Surfaces.of(scene, size=64)
+    surfaces = AtlasSurfaces.of(scene, size=64)
     assert not surfaces.inside.any()
 
 
 def test_fronts_that_face_the_ground_cover_nothing_and_warn_of_nothing_else() -> None:
     scene = scene_of(BLACK_BOX, streamed(sheet()[:, ::-1].copy()), **SKY)
-    surfaces = Surfaces.of(scene, size=48)
+    surfaces = AtlasSurfaces.of(scene, size=48)
     assert not surfaces.inside[middles(surfaces)[:, 1] < 0].any()
 
 
@@ -285,7 +286,7 @@ def test_a_gather_bakes_beside_a_stream() -> None:
 def test_engines_by_a_bvh_are_refused_before_the_atlas(
     chosen: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delattr("glpath.bake.lightmap.packed")
+    monkeypatch.delattr("glpath.bake.surfaces.packed")
     scene = scene_of(BLACK_BOX, streamed(sheet()), **SKY)
     with pytest.raises(SceneError, match="streams triangles") as error:
         glpath.lightmap(scene, size=32, spp=1, **chosen)
@@ -293,7 +294,7 @@ def test_engines_by_a_bvh_are_refused_before_the_atlas(
 
 
 def test_a_budget_without_room_for_a_chunk_is_refused_before_the_atlas(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr("glpath.bake.lightmap.packed")
+    monkeypatch.delattr("glpath.bake.surfaces.packed")
     scene = scene_of(BLACK_BOX, streamed(sheet(squares=64), 8192), **SKY)
     with pytest.raises(UsageError, match="geometry_budget: 1 MiB, but 7 are needed for a chunk of 8,192"):
         glpath.lightmap(scene, size=32, spp=1, geometry_budget=1)
@@ -302,8 +303,8 @@ def test_a_budget_without_room_for_a_chunk_is_refused_before_the_atlas(monkeypat
 def test_far_from_the_origin_it_is_the_same_lightmap() -> None:
     far = np.array([5e5, 300.0, 4e6])
     house = {"type": "box", "min": (far - 1).tolist(), "max": (far + 1).tolist(), "material": "black"}
-    near = Surfaces.of(scene_of(BLACK_BOX, streamed(sheet()), **SKY), size=48)
-    moved = Surfaces.of(scene_of(house, streamed(sheet() + far), **SKY), size=48)
+    near = AtlasSurfaces.of(scene_of(BLACK_BOX, streamed(sheet()), **SKY), size=48)
+    moved = AtlasSurfaces.of(scene_of(house, streamed(sheet() + far), **SKY), size=48)
     np.testing.assert_array_equal(near.inside, moved.inside)
     np.testing.assert_allclose(middles(moved) + moved.scene.origin - far, middles(near), atol=1e-6)
 
@@ -317,7 +318,7 @@ def test_what_the_camera_sees_of_streams_does_not_count_for_the_exposure() -> No
     camera = {"position": [0, 9, 0], "target": [0, 0, 0], "up": [0, 0, -1], "fov": 40}
     scene = scene_of(grey, streamed(sheet()), **dim, camera=camera, film={"resolution": [64, 64]})
     baked = glpath.lightmap(scene, size=48, spp=64, denoise=False, **SCANS)
-    seen = seen_by_camera(baked)
+    seen = seen_by_camera(baked.surfaces, baked.lit_irradiance)
     x = np.abs(np.linspace(-1, 1, 129)[:-1] + 1 / 128) * 8 * math.tan(math.radians(20))  # on the plane of the roof
     np.testing.assert_array_equal(np.isfinite(seen[64, :, 0]), x < 1)
     np.testing.assert_allclose(seen[56:72, 56:72], 0.05, rtol=0.1)
@@ -325,7 +326,7 @@ def test_what_the_camera_sees_of_streams_does_not_count_for_the_exposure() -> No
     away = {**camera, "position": [20, 9, 0], "target": [20, 0, 0]}
     scene = scene_of(grey, streamed(sheet()), **dim, camera=away)
     baked = glpath.lightmap(scene, size=48, spp=16, denoise=False, **SCANS)
-    assert np.isnan(seen_by_camera(baked)).all()
+    assert np.isnan(seen_by_camera(baked.surfaces, baked.lit_irradiance)).all()
     assert baked.exposure_stops("auto") == pytest.approx(math.log2(0.18 / 0.03), abs=0.5)  # of all texels
 
 

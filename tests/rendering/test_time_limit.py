@@ -343,7 +343,7 @@ def test_preparation_of_a_resumed_bake_and_of_resumed_probes_is_exempt(
         check_time("building the BVH")
         raise ArithmeticError
 
-    monkeypatch.setattr("glpath.bake.lightmap.Surfaces.of", prepare)
+    monkeypatch.setattr("glpath.bake.surfaces.AtlasSurfaces.of", prepare)
     monkeypatch.setattr("glpath.bake.probes.path_traceable", prepare)
     scene = glpath.load_scene(BOX)
     for resumes, error in ((True, ArithmeticError), (False, glpath.TimeLimitError)):

@@ -10,8 +10,8 @@ import pytest
 
 import glpath
 from glpath.bake.atlas import _parts
-from glpath.bake.lightmap import Surfaces
 from glpath.bake.solids import Closed
+from glpath.bake.surfaces import AtlasSurfaces
 from glpath.errors import TimeLimitError
 from glpath.gl.ray_bvh import _items
 from glpath.radiosity.mesh.mesh import size_for_count, surfaces
@@ -85,7 +85,7 @@ def test_pieces_are_numbered_in_the_order_of_their_lowest_corners() -> None:
 @pytest.mark.parametrize(
     ("call", "work"),
     [
-        (lambda scene: Surfaces.of(scene, size=64), "finding the sides that get texels"),
+        (lambda scene: AtlasSurfaces.of(scene, size=64), "finding the sides that get texels"),
         (lambda scene: glpath.solve_radiosity(scene, patches=8), "meshing the scene for its radiosity"),
         (lambda scene: chosen("auto", {}, scene), "preparing the scene"),
     ],
