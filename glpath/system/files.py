@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from glpath.errors import GlpathError, ImageError, UsageError
-from glpath.system.bounded_reading import count_bytes, count_file
+from glpath.system.bounded_reading import count_bytes, count_file, reading_result
 from glpath.system.machine import posix_module
 from glpath.system.time_limit import check_time
 
@@ -751,7 +751,8 @@ def _into_temporary_folder(rescue: Mapping[str, Save]) -> list[Path]:
 def reading(path: str | Path, what: str, remedy: str = "") -> Iterator[None]:
     """Context that turns all errors of parsers into ImageError: the file cannot be read as `what`."""
     try:
-        yield
+        with reading_result(str(path)):
+            yield
     except GlpathError:
         raise
     except FileNotFoundError as error:

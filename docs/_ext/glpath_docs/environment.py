@@ -15,6 +15,7 @@ from glpath_docs.markdown import code, table
 GLPATH = {
     "GLPATH_BACKEND": (", ".join(map(code, BACKENDS)), "how OpenGL is opened, where `--backend` does not say it"),
     "GLPATH_DEVICE": ("a number", "a device of `glpath devices`, where `--device` does not say it"),
+    "GLPATH_TRUST_FILES": ("`1`", "reading files has no limits of processor time and memory"),
     "GLPATH_TEXELS": (
         ", ".join(map(code, TEXELS)),
         "how shaders read textures: as graphics cards or as llvmpipe do best",
