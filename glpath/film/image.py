@@ -14,7 +14,6 @@ import mmap
 import os
 import re
 import struct
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import cache
@@ -24,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import ImageError, UsageError
+from glpath.errors import ImageError, UsageError, warning_filter
 from glpath.film.aovs import AOV_KINDS
 from glpath.film.rgbe import read_header, read_rgbe
 from glpath.system.arguments import checked, short_repr
@@ -555,8 +554,7 @@ def without_size_warnings() -> Iterator[None]:
     """Context without Pillow's warnings of many pixels, because `check_unfolded` limits them."""
     from PIL import Image
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+    with warning_filter("ignore", Image.DecompressionBombWarning):
         yield
 
 
