@@ -255,7 +255,7 @@ def warning_filter(action: str, category: type[Warning] = Warning) -> Iterator[N
     """Context with a filter of `warnings` that applies only to the current thread.
 
     `warnings.catch_warnings` saves and restores the filters of all threads. If two threads leave it in the order in
-    which they entered it, the filters of the second stay for ever.
+    which they entered it, the filters of the first stay for ever.
 
     action   : action of a filter, such as "ignore" or "error"
     category : class of the warnings

@@ -30,6 +30,7 @@ from glpath.system.arguments import checked, short_repr
 from glpath.system.c_output import without_lines
 from glpath.system.files import check_file, reading, whole_file
 from glpath.system.npz import check_unfolded, open_npz, read_npy
+from glpath.system.time_limit import in_command
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
@@ -765,7 +766,8 @@ def _check_exr_entries(data: mmap.mmap) -> None:
 def _openexr(path: Path, flags: int = os.O_RDONLY) -> Iterator[str]:
     """Context that yields a UTF-8 name for `path`, because OpenEXR opens no file by another name.
 
-    Lines that OpenEXR prints on errors are suppressed.
+    In a command, lines that OpenEXR prints on errors are suppressed. In Python they are not, because other threads
+    and child processes of the program may use standard output meanwhile.
     """
     with ExitStack() as stack:
         name = str(path)
@@ -773,7 +775,8 @@ def _openexr(path: Path, flags: int = os.O_RDONLY) -> Iterator[str]:
             descriptor = os.open(path, flags, 0o666)
             stack.callback(os.close, descriptor)
             name = f"/proc/self/fd/{descriptor}"
-        stack.enter_context(without_lines(f"{name}: (EXR_", "Warning: Exception raised reading pixel data"))
+        if in_command():
+            stack.enter_context(without_lines(f"{name}: (EXR_", "Warning: Exception raised reading pixel data"))
         yield name
 
 
