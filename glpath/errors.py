@@ -208,6 +208,9 @@ def warn(text: str, late: bool = False) -> None:
         if not late:
             raise StrictError(text, "strict takes this warning for an error.")
         scope.late.append(text)
+    if (collected := _collected.get()) is not None:
+        collected[text] = None
+        return
     try:
         warnings.warn(SceneWarning(text), stacklevel=level)
     except SceneWarning as raised:  # by a filter of `warnings`
@@ -218,6 +221,21 @@ def warn(text: str, late: bool = False) -> None:
         scope.raised.append(raised)
     except Exception:  # of the function or stream that shows warnings; reporting never ends the work
         return
+
+
+# Texts of the warnings in `collected_warnings`, as an ordered set; None outside of it.
+_collected: ContextVar[dict[str, None] | None] = ContextVar("_collected", default=None)
+
+
+@contextmanager
+def collected_warnings() -> Iterator[Mapping[str, None]]:
+    """Context in which this thread collects the texts of its scene warnings, in order, instead of showing them."""
+    texts: dict[str, None] = {}
+    token = _collected.set(texts)
+    try:
+        yield texts
+    finally:
+        _collected.reset(token)
 
 
 def _is_ignored(text: str, frame: FrameType) -> bool:

@@ -253,6 +253,8 @@ def test_warnings_of_a_worker_reach_the_process_that_asks(
         options.on_step(film)  # type: ignore[misc]
         warn("odd on the worker")
         warn("odd on the worker")
+        with ThreadPoolExecutor(1) as client:  # a client in the process of its worker
+            client.submit(warn, "odd on the client").result()
         return film
 
     options = RunOptions(strict=True).for_workers()
@@ -260,7 +262,9 @@ def test_warnings_of_a_worker_reach_the_process_that_asks(
     monkeypatch.setattr(worker, "Session", lambda *_, **__: SimpleNamespace(render=render, close=lambda: None))
     worker.hold(worker.Shared("token", job, None, None, options, worker.this_version()))  # type: ignore[arg-type]
     try:
-        assert worker.render_part("token", (0, 8)).warnings == ("odd on the worker",)
+        with pytest.warns(SceneWarning, match="odd on the client"):
+            part = worker.render_part("token", (0, 8))
+        assert part.warnings == ("odd on the worker",)
     finally:
         worker.let_go("token")
 
