@@ -25,9 +25,9 @@ from glpath.daylight.checkpoint import DaylightCheckpoint
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.kept_shards import KeptShards
 from glpath.daylight.merging import together
-from glpath.errors import ContextError, GlpathError, warn
+from glpath.errors import ContextError, GlpathError, collected_warnings, warn
 from glpath.jobs.connection import Connection, quiet
-from glpath.jobs.worker import check_version, held, this_version, warnings_for_caller
+from glpath.jobs.worker import check_version, held, this_version
 from glpath.rendering.interrupts import interrupt_as_flag
 from glpath.scene import Scene
 from glpath.system.heartbeat import heartbeat
@@ -194,8 +194,8 @@ def compute_shard(token: str, shard: tuple[int, int]) -> tuple[DaylightCoefficie
     """Return the coefficients of shard (k, n) of a token's computation, in a worker, and texts of warnings."""
     from glpath.daylight.compute import daylight_coefficients
 
-    with held(token) as shared, warnings_for_caller() as texts:
+    with held(token) as shared, collected_warnings() as texts:
         assert isinstance(shared, DaylightWork), "what computed_by shares"
         check_version(shared.version)
         found = daylight_coefficients(shared.scene, shared.points, shared.normals, **shared.options, shard=shard)
-    return found, texts
+    return found, list(texts)

@@ -14,7 +14,6 @@ import mmap
 import os
 import re
 import struct
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import cache
@@ -24,13 +23,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import ImageError, UsageError
+from glpath.errors import ImageError, UsageError, warning_filter
 from glpath.film.aovs import AOV_KINDS
 from glpath.film.rgbe import read_header, read_rgbe
 from glpath.system.arguments import checked, short_repr
 from glpath.system.c_output import without_lines
 from glpath.system.files import check_file, reading, whole_file
 from glpath.system.npz import check_unfolded, open_npz, read_npy
+from glpath.system.time_limit import in_command
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
@@ -555,8 +555,7 @@ def without_size_warnings() -> Iterator[None]:
     """Context without Pillow's warnings of many pixels, because `check_unfolded` limits them."""
     from PIL import Image
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+    with warning_filter("ignore", Image.DecompressionBombWarning):
         yield
 
 
@@ -767,7 +766,8 @@ def _check_exr_entries(data: mmap.mmap) -> None:
 def _openexr(path: Path, flags: int = os.O_RDONLY) -> Iterator[str]:
     """Context that yields a UTF-8 name for `path`, because OpenEXR opens no file by another name.
 
-    Lines that OpenEXR prints on errors are suppressed.
+    In a command, lines that OpenEXR prints on errors are suppressed. In Python they are not, because other threads
+    and child processes of the program may use standard output meanwhile.
     """
     with ExitStack() as stack:
         name = str(path)
@@ -775,7 +775,8 @@ def _openexr(path: Path, flags: int = os.O_RDONLY) -> Iterator[str]:
             descriptor = os.open(path, flags, 0o666)
             stack.callback(os.close, descriptor)
             name = f"/proc/self/fd/{descriptor}"
-        stack.enter_context(without_lines(f"{name}: (EXR_", "Warning: Exception raised reading pixel data"))
+        if in_command():
+            stack.enter_context(without_lines(f"{name}: (EXR_", "Warning: Exception raised reading pixel data"))
         yield name
 
 

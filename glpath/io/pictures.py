@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import GlpathError, ImageError, TimeLimitError
+from glpath.errors import GlpathError, ImageError, TimeLimitError, warning_filter
 from glpath.film.image import WEBP_HEAD, check_scans, picture_size, read_texture, webp_size
 from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.named_files import NamedFiles, UnusableError
@@ -92,16 +91,15 @@ class Pictures:
                 self._check(path, *webp, 3, DECODING_PIXEL["WEBP"])
             import PIL.Image
 
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # warnings of many pixels, which `_check` limits, and odd tags
-                with PIL.Image.open(path, formats=_FORMATS) as opened:
-                    if opened.format in ("JPEG", "MPO"):
-                        check_scans(path.read_bytes())
-                    bytes_each = 4 if opened.mode == "F" else 1
-                    if webp is None:
-                        bands = len(opened.getbands())
-                        self._check(path, *opened.size, bands * bytes_each, BYTE_PIXEL * bytes_each)
-                    return pixels_of(opened)
+            # The filter hides warnings about odd tags, and about many pixels, which `_check` limits.
+            with warning_filter("ignore"), PIL.Image.open(path, formats=_FORMATS) as opened:
+                if opened.format in ("JPEG", "MPO"):
+                    check_scans(path.read_bytes())
+                bytes_each = 4 if opened.mode == "F" else 1
+                if webp is None:
+                    bands = len(opened.getbands())
+                    self._check(path, *opened.size, bands * bytes_each, BYTE_PIXEL * bytes_each)
+                return pixels_of(opened)
         except (UnusableError, TimeLimitError):
             raise
         except GlpathError as error:
