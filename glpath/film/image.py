@@ -61,6 +61,10 @@ _JPEG_MARKER, _END_OF_IMAGE, _START_OF_SCAN = re.compile(rb"\xff([\x02-\xcf\xd8-
 # JPEG: maximum number of scans. A scan of a few bytes may cover all pixels, so many scans are slow to decode.
 # libtiff has this limit, too.
 _MAX_SCANS = 100
+# TIFF tags of the width and height of tiles, and number of pixels up to which any tile is read.
+_TILE_WIDTH, _TILE_HEIGHT, _LARGE_TILE = 322, 323, 1 << 22
+# Maximum number of pixels of a BMP whose pixels are stored as run lengths.
+_RUN_LENGTH_PIXELS = 1 << 22
 #: Number of bytes at the start of a WebP file that hold its size.
 WEBP_HEAD = 30
 # Bytes of memory for a pixel that is decoded to three float64.
@@ -595,6 +599,21 @@ def check_scans(data: bytes) -> None:
         if scans > _MAX_SCANS:
             raise ValueError(f"it is a JPEG of more than {_MAX_SCANS} scans")
         position = marker.end() + int.from_bytes(data[marker.end() : marker.end() + 2])
+
+
+def check_decoding(opened: Any) -> None:
+    """Raise ImageError for a picture whose decoding takes much more memory or time than its pixels."""
+    pixels = opened.width * opened.height
+    if opened.format == "TIFF":
+        width, height = (int(opened.tag_v2.get(tag, 0)) for tag in (_TILE_WIDTH, _TILE_HEIGHT))
+        if width * height > max(_LARGE_TILE, 4 * pixels):  # a tile is decoded as a whole
+            raise ImageError(
+                f"its tiles of {width:,} x {height:,} pixels are larger than the picture of {pixels:,}",
+                "Write it anew.",
+            )
+    run_lengths = any(tile[0] == "bmp_rle" for tile in getattr(opened, "tile", ()))
+    if run_lengths and pixels > _RUN_LENGTH_PIXELS:  # Pillow's decoder takes 0.1 us per pixel
+        raise ImageError(f"it is a BMP of run lengths with {pixels:,} pixels", "Write it without compression.")
 
 
 def _read_png(path: Path) -> Float64:

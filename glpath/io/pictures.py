@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError, ImageError, TimeLimitError, warning_filter
-from glpath.film.image import WEBP_HEAD, check_scans, picture_size, read_texture, webp_size
+from glpath.film.image import WEBP_HEAD, check_decoding, check_scans, picture_size, read_texture, webp_size
 from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.system.bounded_reading import reading_file
@@ -24,10 +24,6 @@ _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF")
 _BITS_TAG = 258
 # TIFF tag PhotometricInterpretation.
 _PHOTOMETRIC_TAG = 262
-# TIFF tags of the width and height of tiles, and number of pixels up to which any tile is read.
-_TILE_WIDTH, _TILE_HEIGHT, _LARGE_TILE = 322, 323, 1 << 22
-# Maximum number of pixels of a BMP whose pixels are stored as run lengths.
-_RUN_LENGTH_PIXELS = 1 << 22
 #: Bytes of memory for a pixel of 8 bits per channel while it is decoded, by Pillow's name of the format. Pillow's
 #: decoder of WebP holds several copies of a picture.
 DECODING_PIXEL = {"WEBP": 16}
@@ -140,7 +136,7 @@ def stored_pixels(opened: Any) -> NDArray[Any]:
     Pixels are uint8; those of grey images may be uint16 or float32. Raises ImageError if the number that means
     white is unknown, and for floats that are not finite.
     """
-    _check_decoding(opened)
+    check_decoding(opened)
     if opened.mode != "F" and not opened.mode.startswith("I"):
         alpha = "A" in opened.getbands() or "transparency" in opened.info
         return _bytes_of(opened, "RGBA" if alpha else "RGB")
@@ -152,21 +148,6 @@ def stored_pixels(opened: Any) -> NDArray[Any]:
     if isinstance(transparent := opened.info.get("transparency"), int):
         channels.append(np.where(grey == transparent, 0, 65535).astype(np.uint16))
     return np.stack(channels, axis=2)
-
-
-def _check_decoding(opened: Any) -> None:
-    """Raise ImageError for a picture whose decoding takes much more memory or time than its pixels."""
-    pixels = opened.width * opened.height
-    if opened.format == "TIFF":
-        width, height = (int(opened.tag_v2.get(tag, 0)) for tag in (_TILE_WIDTH, _TILE_HEIGHT))
-        if width * height > max(_LARGE_TILE, 4 * pixels):  # a tile is decoded as a whole
-            raise ImageError(
-                f"its tiles of {width:,} x {height:,} pixels are larger than the picture of {pixels:,}",
-                "Write it anew.",
-            )
-    run_lengths = any(tile[0] == "bmp_rle" for tile in getattr(opened, "tile", ()))
-    if run_lengths and pixels > _RUN_LENGTH_PIXELS:  # Pillow's decoder takes 0.1 us per pixel
-        raise ImageError(f"it is a BMP of run lengths with {pixels:,} pixels", "Write it without compression.")
 
 
 def _bytes_of(opened: Any, mode: str) -> NDArray[np.uint8]:
