@@ -34,6 +34,8 @@ from glpath.system.time_limit import has_limit, named_work, overdue, without_lim
 #: Processor time for reading: seconds, and seconds per byte of the files.
 SECONDS = 5.0
 _SECONDS_PER_BYTE = 1e-6
+# The same for each byte of unfolded data, such as the pixels of a JPEG, which unfolds at 100 MB/s.
+_SECONDS_PER_UNFOLDED_BYTE = 3e-8
 #: Growth of memory during reading: bytes, and bytes per byte of the files.
 MEMORY = 2**30
 _MEMORY_PER_BYTE = 128
@@ -240,10 +242,11 @@ def count_bytes(size: int) -> None:
         bounds.add_bytes(size)
 
 
-def allow_memory(size: int) -> None:
-    """Raise the limit of memory by bytes whose number another check has allowed, such as those of a picture."""
+def allow_unfolded(size: int) -> None:
+    """Raise the limits by unfolded data whose size in bytes another check has allowed, such as a picture."""
     if (bounds := _bounds.get()) is not None:
         bounds.memory += size
+        bounds.processor += _SECONDS_PER_UNFOLDED_BYTE * size
 
 
 def _restore(before: contextvars.Context) -> None:

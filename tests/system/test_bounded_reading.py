@@ -18,7 +18,7 @@ from glpath.io import load_scene
 from glpath.radiosity.view_factors.result import ViewFactors
 from glpath.system import bounded_reading, files
 from glpath.system.bounded_reading import (
-    allow_memory,
+    allow_unfolded,
     count_file,
     reading_file,
     reading_result,
@@ -93,13 +93,12 @@ def test_a_parser_that_takes_too_much_memory_ends_with_an_error(monkeypatch: pyt
     assert 8 * 2**18 * len(kept) < 2**28
 
 
-def test_memory_that_another_check_allowed_is_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bounded_reading, "SECONDS", _GIVE_UP_S)
+def test_unfolded_data_that_another_check_allowed_raise_the_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bounded_reading, "MEMORY", 2**24)
     with reading_file("a.png"):
-        allow_memory(2**25)
+        allow_unfolded(2**25)
         pixels = np.ones(2**22)
-        time.sleep(0.1)
+        _work(0.5)
     assert pixels.all()
 
 
