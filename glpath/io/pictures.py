@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -80,7 +82,7 @@ class Pictures:
         return found
 
     def _pixels(self, path: Path) -> Image:
-        try:
+        with unusable_if_damaged():
             check_file(path)
             if path.suffix.lower() == ".exr":
                 size = picture_size(path, display=True)
@@ -102,12 +104,6 @@ class Pictures:
                         bands = len(opened.getbands())
                         self._check(path, *opened.size, bands * bytes_each, BYTE_PIXEL * bytes_each)
                     return pixels_of(opened)
-        except (UnusableError, TimeLimitError):
-            raise
-        except GlpathError as error:
-            raise UnusableError(f"which cannot be read: {error.message}") from error
-        except Exception as error:  # Pillow's parsers may raise anything
-            raise UnusableError(f"which cannot be read: {type(error).__name__}: {reason_of(error)}") from error
 
     def _check(self, path: Path, width: int, height: int, pixel: int, decoding_pixel: int) -> None:
         """Raise UnusableError or ValueError if a picture is too large.
@@ -127,6 +123,19 @@ class Pictures:
         self.unfolded.add(pixel * width * height, path.stat().st_size, decoded)
 
 
+@contextmanager
+def unusable_if_damaged() -> Iterator[None]:
+    """Context in which errors of reading a picture become UnusableError, except that of a time limit."""
+    try:
+        yield
+    except (UnusableError, TimeLimitError):
+        raise
+    except GlpathError as error:
+        raise UnusableError(f"which cannot be read: {error.message}") from error
+    except Exception as error:  # Pillow's parsers may raise anything
+        raise UnusableError(f"which cannot be read: {type(error).__name__}: {reason_of(error)}") from error
+
+
 def pixels_of(opened: Any) -> Image:
     """Return the pixels of a Pillow image, (h, w, 3) or with alpha (h, w, 4).
 
@@ -139,8 +148,8 @@ def pixels_of(opened: Any) -> Image:
 def stored_pixels(opened: Any) -> NDArray[Any]:
     """Return the pixels of a Pillow image as stored, (h, w, 3) or with alpha (h, w, 4).
 
-    Pixels are uint8; those of grey images may be uint16 or float32. Raises ImageError if the number that means
-    white is unknown, and for floats that are not finite.
+    Pixels are uint8; those of grey images may be uint16 or float32. Raises ImageError if there are none,
+    if the number that means white is unknown, and for floats that are not finite.
     """
     _check_decoding(opened)
     if opened.mode != "F" and not opened.mode.startswith("I"):
@@ -157,8 +166,10 @@ def stored_pixels(opened: Any) -> NDArray[Any]:
 
 
 def _check_decoding(opened: Any) -> None:
-    """Raise ImageError for a picture whose decoding takes much more memory or time than its pixels."""
+    """Raise ImageError for a picture without pixels, or one that takes much more memory or time than its pixels."""
     pixels = opened.width * opened.height
+    if not pixels:
+        raise ImageError(f"it has {opened.width} x {opened.height} pixels", "Write it anew.")
     if opened.format == "TIFF":
         width, height = (int(opened.tag_v2.get(tag, 0)) for tag in (_TILE_WIDTH, _TILE_HEIGHT))
         if width * height > max(_LARGE_TILE, 4 * pixels):  # a tile is decoded as a whole
