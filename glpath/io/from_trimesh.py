@@ -39,7 +39,7 @@ def coloured(mesh: Mesh, given: Any) -> Mesh:
     colours = given.visual.vertex_colors if kind == "vertex" else None
     if kind == "texture":
         colours = (getattr(given.visual, "vertex_attributes", None) or {}).get("color")
-    if colours is None or len(colours) != len(mesh.vertices) or np.shape(colours)[1:] not in ((3,), (4,)):
+    if np.shape(colours) not in ((len(mesh.vertices), 3), (len(mesh.vertices), 4)):
         return mesh
     return replace(mesh, colours=_rgba(colours, srgb=kind == "vertex"))
 

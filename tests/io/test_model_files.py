@@ -1243,10 +1243,11 @@ def test_texture_of_trimesh_that_is_an_array_is_refused() -> None:
         quiet(box)
 
 
-def test_vertex_colours_of_trimesh_with_one_number_each_are_left_out() -> None:
+@pytest.mark.parametrize("shape", [(), (8,), (8, 2), (7, 3)])
+def test_vertex_colours_of_trimesh_that_are_no_rows_of_three_or_four_are_left_out(shape: tuple[int, ...]) -> None:
     box = trimesh.creation.box()
     box.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.SimpleMaterial())
-    box.visual.vertex_attributes["color"] = np.zeros(len(box.vertices))
+    box.visual.vertex_attributes["color"] = np.zeros(shape)
     assert quiet(box).shapes[0].geometry.colours is None
 
 
