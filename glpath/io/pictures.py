@@ -153,7 +153,7 @@ def stored_pixels(opened: Any) -> NDArray[Any]:
     """
     _check_decoding(opened)
     if opened.mode != "F" and not opened.mode.startswith("I"):
-        alpha = "A" in opened.getbands() or "transparency" in opened.info
+        alpha = opened.mode.endswith("A") or "transparency" in opened.info
         return _bytes_of(opened, "RGBA" if alpha else "RGB")
     grey = np.asarray(opened)
     _check_range(opened, grey)

@@ -273,6 +273,7 @@ PIXELS: dict[str, tuple[Image.Image, dict[str, object], list[float]]] = {
     "grey.tif": (Image.new("LA", (2, 2), (128, 77)), {}, [128, 128, 128, 77]),
     "print.tif": (Image.new("RGB", (2, 2), BROWN).convert("CMYK"), {}, [*BROWN]),
     "print.jpg": (Image.new("RGB", (2, 2), BROWN).convert("CMYK"), {"quality": 100}, [*BROWN]),
+    "lab.tif": (Image.new("LAB", (2, 2), (0, 128, 128)), {}, [0, 0, 0]),  # L = a = b = 0 is an opaque black
 }
 
 
