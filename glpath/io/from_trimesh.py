@@ -36,7 +36,7 @@ def coloured(mesh: Mesh, given: Any) -> Mesh:
     if kind == "face" and len(given.visual.face_colors) == len(mesh.faces):
         apart = mesh.unshared()
         return replace(apart, colours=np.repeat(_rgba(given.visual.face_colors, srgb=True), 3, axis=0))
-    colours = given.visual.vertex_colors if kind == "vertex" else None
+    colours: Any = given.visual.vertex_colors if kind == "vertex" else None
     if kind == "texture":
         colours = (getattr(given.visual, "vertex_attributes", None) or {}).get("color")
     if np.shape(colours) not in ((len(mesh.vertices), 3), (len(mesh.vertices), 4)):

@@ -273,7 +273,6 @@ PIXELS: dict[str, tuple[Image.Image, dict[str, object], list[float]]] = {
     "grey.tif": (Image.new("LA", (2, 2), (128, 77)), {}, [128, 128, 128, 77]),
     "print.tif": (Image.new("RGB", (2, 2), BROWN).convert("CMYK"), {}, [*BROWN]),
     "print.jpg": (Image.new("RGB", (2, 2), BROWN).convert("CMYK"), {"quality": 100}, [*BROWN]),
-    "lab.tif": (Image.new("LAB", (2, 2), (0, 128, 128)), {}, [0, 0, 0]),  # L = a = b = 0 is an opaque black
 }
 
 
@@ -284,6 +283,13 @@ def test_a_picture_of_any_pixels_has_its_colours(tmp_path: Path, name: str) -> N
     texel = Pictures(tmp_path).read(name)[0, 0]
     assert texel.tolist() == expected
     assert texel.dtype == (np.float32 if name.startswith("float") else np.uint8)
+
+
+def test_lab_tiff_is_opaque(tmp_path: Path) -> None:
+    Image.new("LAB", (1, 1), (128, 128, 128)).save(tmp_path / "a.tif")
+    luminance = ((100 * 128 / 255 + 16) / 116) ** 3  # CIE 1976
+    grey = 255 * (1.055 * luminance ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
+    assert Pictures(tmp_path).read("a.tif")[0, 0].tolist() == pytest.approx([grey] * 3, abs=1)
 
 
 def test_a_float_tiff_is_linear(tmp_path: Path) -> None:
