@@ -602,8 +602,10 @@ def check_scans(data: bytes) -> None:
 
 
 def check_decoding(opened: Any) -> None:
-    """Raise ImageError for a picture whose decoding takes much more memory or time than its pixels."""
+    """Raise ImageError for a picture without pixels, or one that takes much more memory or time than its pixels."""
     pixels = opened.width * opened.height
+    if not pixels:
+        raise ImageError(f"it has {opened.width} x {opened.height} pixels", "Write it anew.")
     if opened.format == "TIFF":
         width, height = (int(opened.tag_v2.get(tag, 0)) for tag in (_TILE_WIDTH, _TILE_HEIGHT))
         if width * height > max(_LARGE_TILE, 4 * pixels):  # a tile is decoded as a whole

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -75,7 +77,7 @@ class Pictures:
         return found
 
     def _pixels(self, path: Path) -> Image:
-        try:
+        with unusable_if_damaged():
             check_file(path)
             if path.suffix.lower() == ".exr":
                 size = picture_size(path, display=True)
@@ -96,12 +98,6 @@ class Pictures:
                     bands = len(opened.getbands())
                     self._check(path, *opened.size, bands * bytes_each, BYTE_PIXEL * bytes_each)
                 return pixels_of(opened)
-        except (UnusableError, TimeLimitError):
-            raise
-        except GlpathError as error:
-            raise UnusableError(f"which cannot be read: {error.message}") from error
-        except Exception as error:  # Pillow's parsers may raise anything
-            raise UnusableError(f"which cannot be read: {type(error).__name__}: {reason_of(error)}") from error
 
     def _check(self, path: Path, width: int, height: int, pixel: int, decoding_pixel: int) -> None:
         """Raise UnusableError or ValueError if a picture is too large.
@@ -121,6 +117,19 @@ class Pictures:
         self.unfolded.add(pixel * width * height, path.stat().st_size, decoded)
 
 
+@contextmanager
+def unusable_if_damaged() -> Iterator[None]:
+    """Context in which errors of reading a picture become UnusableError, except that of a time limit."""
+    try:
+        yield
+    except (UnusableError, TimeLimitError):
+        raise
+    except GlpathError as error:
+        raise UnusableError(f"which cannot be read: {error.message}") from error
+    except Exception as error:  # Pillow's parsers may raise anything
+        raise UnusableError(f"which cannot be read: {type(error).__name__}: {reason_of(error)}") from error
+
+
 def pixels_of(opened: Any) -> Image:
     """Return the pixels of a Pillow image, (h, w, 3) or with alpha (h, w, 4).
 
@@ -133,12 +142,12 @@ def pixels_of(opened: Any) -> Image:
 def stored_pixels(opened: Any) -> NDArray[Any]:
     """Return the pixels of a Pillow image as stored, (h, w, 3) or with alpha (h, w, 4).
 
-    Pixels are uint8; those of grey images may be uint16 or float32. Raises ImageError if the number that means
-    white is unknown, and for floats that are not finite.
+    Pixels are uint8; those of grey images may be uint16 or float32. Raises ImageError if there are none,
+    if the number that means white is unknown, and for floats that are not finite.
     """
     check_decoding(opened)
     if opened.mode != "F" and not opened.mode.startswith("I"):
-        alpha = "A" in opened.getbands() or "transparency" in opened.info
+        alpha = opened.mode.endswith("A") or "transparency" in opened.info
         return _bytes_of(opened, "RGBA" if alpha else "RGB")
     grey = np.asarray(opened)
     _check_range(opened, grey)
