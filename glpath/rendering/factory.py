@@ -14,7 +14,7 @@ import numpy as np
 
 from glpath.errors import SceneError, TimeLimitError, warn
 from glpath.film.aovs import guides_denoiser
-from glpath.film.bias import REJECTED_GATHER
+from glpath.film.bias import BIAS_OBSTACLE, REJECTED_GATHER
 from glpath.film.choices import TIME_LIMIT
 from glpath.film.film import Film
 from glpath.gl.context import Context
@@ -442,6 +442,19 @@ def _without_ground(scene: Scene) -> list[str]:
     ]
 
 
+def _biased(film: Film) -> list[str]:
+    """Return a warning if the bias of a gather may be too large, or if it could not be measured."""
+    bias, obstacle = film.bias(), film.metadata.statistics.get(BIAS_OBSTACLE)
+    if bias is None:
+        text = obstacle
+    elif bias.is_small():
+        text = None
+    else:
+        found = "is" if bias.is_large() else "may be too large: it is"
+        text = f"the bias of the gather {found} {bias}. Its radiosity solution may be too coarse for this scene"
+    return [] if text is None else [f'{film.metadata.scene}: {text}; integrator="path" has no bias.']
+
+
 def _cut(film: Film) -> list[str]:
     cut = film.metadata.statistics.get("paths_cut", 0)
     if not cut:
@@ -613,7 +626,7 @@ class _Gathering(Plan):
         return refined if film.metadata.settings.get("refined") else resumed
 
     def remarks(self, film: Film) -> list[str]:
-        return _crowding(film)
+        return _biased(film) + _crowding(film)
 
     def solution_error(self) -> float | None:
         if self.settings.radiosity is not None or self.solution is None:
