@@ -525,7 +525,7 @@ class _Gathering(Plan):
             assert isinstance(given, RadiositySolution), f"an option that was not checked: {given!r}"
             solution = given
         solution.check_scene(solved)
-        return _Gathering(_interleaved(self.settings, scene), solution, proxies)
+        return replace(self, settings=_interleaved(self.settings, scene), solution=solution, proxies=proxies)
 
     def _solved_in_time(self, scene: Scene, solved: Scene, proxies: Proxies | None, say: Say) -> Plan:
         """Return the prepared plan; a plan of paths if time is too short for a solution and the job allows it.
@@ -540,7 +540,7 @@ class _Gathering(Plan):
             with nullcontext() if self.is_resumed else part_of_time(required=True):
                 solution = _solved(solved, say, refined=refined)
         if solution is not None and not _is_cut_short(solution):
-            return _Gathering(_interleaved(self.settings, scene), solution, proxies)
+            return replace(self, settings=_interleaved(self.settings, scene), solution=solution, proxies=proxies)
         paths = replace(self, solution=solution).without_bias() if can_be_paths else None
         if isinstance(paths, _Paths):
             return paths if solution is not None else paths.unguided()
@@ -553,7 +553,7 @@ class _Gathering(Plan):
             'particles: the gather has their noise as a bias. integrator="path" has none.',
             late=True,
         )
-        return _Gathering(_interleaved(self.settings, scene), solution, proxies)
+        return replace(self, settings=_interleaved(self.settings, scene), solution=solution, proxies=proxies)
 
     def engine(
         self,
@@ -597,7 +597,8 @@ class _Gathering(Plan):
         return made(gather), made(path)
 
     def refined(self, scene: Scene, say: Say) -> Plan | None:
-        if self.settings.refined or self.settings.radiosity is not None or self.proxies is not None:
+        fixed = self.is_resumed or self.settings.refined or self.settings.radiosity is not None
+        if fixed or self.proxies is not None:
             return None
         solution = _solved_in_time(scene, say, refined=True)
         if solution is None or _is_cut_short(solution):
@@ -606,7 +607,7 @@ class _Gathering(Plan):
 
     def without_bias(self) -> Plan | None:
         settings = self.settings
-        if not settings.or_path:
+        if self.is_resumed or not settings.or_path:
             return None
         path = PathSettings(
             seed=settings.seed, aovs=settings.aovs, sampling=settings.sampling, guide=settings.guide
@@ -619,7 +620,8 @@ class _Gathering(Plan):
         resumed = replace(self, is_resumed=film.path_sets > 0)
         refined = replace(resumed, settings=replace(self.settings, refined=True))
         if REJECTED_GATHER in film.metadata.statistics:
-            return (refined.without_bias() or refined).resumed(film)
+            paths = replace(self, settings=refined.settings).without_bias()
+            return refined if paths is None else paths.resumed(film)
         if film.metadata.integrator == PathSettings.integrator:
             paths = self.without_bias()
             return resumed if paths is None else paths.resumed(film)

@@ -20,6 +20,7 @@ from glpath.film.metadata import merged_values
 from glpath.jobs.cluster import Cluster
 from glpath.radiosity import RadiosityProgress
 from glpath.rendering import factory
+from glpath.rendering.bias import BiasCheck
 from glpath.rendering.factory import solve_for_gather
 from glpath.sensors.sensor import PointSensor
 
@@ -141,6 +142,24 @@ def test_auto_takes_path_where_even_a_refined_solution_is_wrong(monkeypatch: pyt
     resumed = glpath.render("cornell-box-36", film=Film.load(tmp_path / "half.npz"), **AUTO)
     assert np.array_equal(resumed.mean, film.mean)
     assert resumed.rejected_bias() == film.rejected_bias()
+    with pytest.raises(glpath.UsageError, match="integrator is path in it, gather is asked for"):
+        glpath.render("cornell-box-36", film=half, **AUTO, integrator="gather")
+
+
+def test_a_bias_measured_after_a_film_was_begun_leaves_it_a_gather(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time limit of the first run may have left no time for the measurement or for another engine."""
+    solve = factory.solve_for_gather
+    monkeypatch.setattr(factory, "solve_for_gather", lambda *given, **options: doubled(solve(*given, **options)))
+    with monkeypatch.context() as without_time:
+        without_time.setattr(BiasCheck, "_measured", lambda *_: None)
+        without_time.setattr(BiasCheck, "_in_time", lambda *_: None)
+        with pytest.warns(SceneWarning, match="left no time to measure the bias"):
+            half, whole = (glpath.render("cornell-box-36", **{**AUTO, "spp": spp}) for spp in (8, 16))
+    with pytest.warns(SceneWarning, match="the bias of the gather is"):
+        film = glpath.render("cornell-box-36", film=half, **AUTO)
+    assert film.metadata.integrator == "gather"
+    assert film.metadata.biased
+    assert np.array_equal(film.mean, whole.mean)
 
 
 def test_auto_refines_a_solution_that_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
