@@ -523,6 +523,37 @@ def test_hangup_of_a_terminal_does_not_reach_the_tracker_of_processes():
     assert int(blocked, 16) >> (signal.SIGHUP - 1) & 1
 
 
+STARTS = """
+import os
+import sibling
+from glpath.jobs.cluster import Cluster
+if __name__ == "__main__":
+    with Cluster("local:1") as cluster:
+        assert [*cluster.client.run(sibling.double, 21).values()] == [42]
+    assert "PYTHONSAFEPATH" not in os.environ
+"""
+
+
+def test_local_workers_import_modules_of_the_script_but_not_of_the_current_folder(tmp_path):
+    folder, current = tmp_path / "script", tmp_path / "current"
+    folder.mkdir()
+    current.mkdir()
+    (folder / "starts.py").write_text(STARTS)
+    (folder / "sibling.py").write_text("def double(number):\n    return 2 * number\n")
+    (current / "multiprocessing.py").write_text("print('planted')\n")
+    paths = os.pathsep.join(path for path in sys.path if path and Path(path) != current)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    done = subprocess.run(
+        [sys.executable, str(folder / "starts.py")],
+        cwd=current,
+        env=environment | {"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+    )
+    assert "planted" not in done.stdout + done.stderr
+    assert done.returncode == 0, done.stderr
+
+
 def test_signal_waits_until_a_local_cluster_has_started_and_closes_it(monkeypatch):
     calls = []
 
