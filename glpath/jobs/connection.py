@@ -238,7 +238,7 @@ def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
 
 @contextlib.contextmanager
 def _safe_path() -> Iterator[None]:
-    """Context in which child processes do not search the current folder for modules, unless the user says so.
+    """Context in which child processes import no modules of the current folder, unless the variable is set already.
 
     Child processes start by `python -c`. They get `sys.path` of this process, but only after their first imports.
     Workers that Dask starts later, after others have died, are not covered in a Python program, because a variable
