@@ -257,7 +257,7 @@ def daylight_coefficients(
             passed = time.perf_counter() - started
             on_progress(DaylightProgress(stage, done, len(directions), count, passed))
 
-    with ExitStack() as held:
+    with warning_scope(strict=False) as scope, ExitStack() as held:
         kept: KeptWords | KeptPass | None = None
         if checkpoint is not None:
             held.enter_context(checkpoint)
@@ -324,6 +324,7 @@ def daylight_coefficients(
             total = replace(direct, indirect=replace(indirect, bias=bias))
         if checkpoint is not None and checkpoint is not resume:
             checkpoint.remove()
+    scope.raise_late(total)
     return total
 
 

@@ -40,7 +40,8 @@ OTHERS = {
     "NUMBA_CACHE_LOCATOR_CLASSES": ("names of classes", "numba's choice of that folder"),
     "PYTHONSAFEPATH": (
         "`1`, or empty",
-        "a command sets it to `1` for its processes, so that they import no modules of the current folder",
+        "commands and `Cluster` set it to `1` for their processes, so that they import no modules of the current "
+        "folder",
     ),
     "COLUMNS": ("a number from 1 to 9999", "width of tables and of help; any other value is ignored"),
     "TERMINAL_WIDTH": ("a number from 1 to 9999", "width of help; any other value is ignored"),
