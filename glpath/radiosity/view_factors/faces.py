@@ -171,7 +171,7 @@ def _indexed(vertices: Any, faces: Any) -> tuple[Float64, list[list[int]]]:
 def _outlines(given: Any) -> list[list[int]]:
     """Return the faces as lists of int. Raises UsageError if vertex indices are not whole numbers."""
     if isinstance(given, np.ndarray) and given.ndim == 2 and given.dtype.kind in "iu":
-        return given.tolist()
+        return [list(face) for face in given.tolist()]
     try:
         outlines = [[(int(v), v) for v in face] for face in given]
     except (TypeError, ValueError, OverflowError):
