@@ -9,11 +9,13 @@ import os
 import re
 import sys
 import sysconfig
+import threading
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from types import FrameType
 from typing import Any
 
 _PACKAGE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "")
@@ -202,11 +204,13 @@ def warn(text: str, late: bool = False) -> None:
     while frame.f_back is not None and _is_ours(frame.f_code.co_filename):
         level, frame = level + 1, frame.f_back
     scope = current_warnings()
-    if scope.strict:
-        is_shown = _is_shown(text, level)
-        if is_shown and not late:
+    if scope.strict and not _is_ignored(text, frame):
+        if not late:
             raise StrictError(text, "strict takes this warning for an error.")
-        scope.late += [text] * is_shown
+        scope.late.append(text)
+    if (collected := _collected.get()) is not None:
+        collected[text] = None
+        return
     try:
         warnings.warn(SceneWarning(text), stacklevel=level)
     except SceneWarning as raised:  # by a filter of `warnings`
@@ -219,14 +223,75 @@ def warn(text: str, late: bool = False) -> None:
         return
 
 
-def _is_shown(text: str, level: int) -> bool:
-    """Return True unless a filter of the module `warnings` ignores the warning."""
+# Texts of the warnings in `collected_warnings`, as an ordered set; None outside of it.
+_collected: ContextVar[dict[str, None] | None] = ContextVar("_collected", default=None)
+
+
+@contextmanager
+def collected_warnings() -> Iterator[Mapping[str, None]]:
+    """Context in which this thread collects the texts of its scene warnings, in order, instead of showing them."""
+    texts: dict[str, None] = {}
+    token = _collected.set(texts)
     try:
-        with warnings.catch_warnings(record=True) as shown:
-            warnings.warn(SceneWarning(text), stacklevel=level + 1)
-    except SceneWarning:
-        return True
-    return bool(shown)
+        yield texts
+    finally:
+        _collected.reset(token)
+
+
+def _is_ignored(text: str, frame: FrameType) -> bool:
+    """Return True if a filter of the module `warnings` ignores the warning `text` at the current line of a frame.
+
+    Filters that ignore all warnings do not count, because code that is not about glpath sets them. Such a filter
+    applies to all threads of the process, and for ever if threads leave `warnings.catch_warnings` out of order.
+    """
+    name = frame.f_globals.get("__name__", "")
+    for action, message, category, module, line in _filters():
+        is_general = action == "ignore" and message is module is None and category is not SceneWarning
+        if (
+            not is_general
+            and issubclass(SceneWarning, category)
+            and (message is None or message.match(text))
+            and (module is None or module.match(name))
+            and line in (0, frame.f_lineno)
+        ):
+            return bool(action == "ignore")
+    return False
+
+
+class _OneThread:
+    """Text pattern of a filter of `warnings` that matches each text in the thread that made the pattern."""
+
+    def __init__(self) -> None:
+        self.thread: int | None = threading.get_ident()
+
+    def match(self, text: str) -> bool:
+        return self.thread == threading.get_ident()
+
+
+@contextmanager
+def warning_filter(action: str, category: type[Warning] = Warning) -> Iterator[None]:
+    """Context with a filter of `warnings` that applies only to the current thread.
+
+    `warnings.catch_warnings` saves and restores the filters of all threads. If two threads leave it in the order in
+    which they entered it, the filters of the first stay for ever.
+
+    action   : action of a filter, such as "ignore" or "error"
+    category : class of the warnings
+    """
+    pattern = _OneThread()
+    entry = action, pattern, category, None, 0
+    _filters().insert(0, entry)
+    try:
+        yield
+    finally:
+        pattern.thread = None  # because a `catch_warnings` of another thread may restore the filter later
+        with suppress(ValueError):  # another thread has exchanged the list
+            _filters().remove(entry)
+
+
+def _filters() -> list[Any]:
+    filters: Any = warnings.filters
+    return filters  # type: ignore[no-any-return]
 
 
 # Location and count of each delayed warning, by cause and then by text; None outside of `one_warning_per_cause`.

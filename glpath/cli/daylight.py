@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -25,9 +25,9 @@ from glpath.cli.signals import exit_code, hold, release, result_of
 from glpath.cli.typed import typed_command, typed_parameters
 from glpath.cli.unattended import done_but, remove_checkpoint
 from glpath.cli.values import check_choice, shard_of, vector
-from glpath.errors import ImageError, UsageError
+from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.io.completed import aside
-from glpath.system.outputs import Save, check_outputs, save_all
+from glpath.system.outputs import Save, check_outputs, rescued, save_all
 from glpath.system.reporting import ProgressEvent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from glpath.scene import Scene
 
 _POINTS, _SKY, _BOUNCES, _YEAR = "Points", "Sun and sky", "Reflected light", "The year"
+_KEPT = "The coefficients are kept in {}."
 _RECEIVERS = ("plane", "cylinder", "sphere", TEXELS)
 
 
@@ -268,6 +269,10 @@ def daylight(
     if shard is not None and year is not None:
         raise UsageError("--shard: a part of the sensors has no sDA.", "Merge the shards, then give --weather.")
 
+    of_texels: Texels | None = None
+    checkpoints: list[DaylightCheckpoint] = []
+    rescue: dict[str, Save] = {}
+
     def computed(loaded: Scene, at: Points, beside: Path) -> DaylightCoefficients:
         from glpath.daylight.checkpoint import DaylightCheckpoint
         from glpath.daylight.kept_words import kept_beside
@@ -283,8 +288,10 @@ def daylight(
                 kept = f"what {'is done' if failed is None else 'could be written'} is in {parts}"
             elif failed is not None:
                 kept = "no checkpoint could be written"
+            elif run.resume:
+                kept = "nothing was done yet"
             else:
-                kept = "nothing was done yet" if run.resume else "nothing is kept; --resume keeps what is done"
+                kept = f"nothing is kept{' of the closed blinds' * bool(rescue)}; --resume keeps what is done"
             say(f"glpath: interrupted: {kept}", err=True)
             if run.resume:
                 say(f"  to resume: {typed_command(context)}", err=True)
@@ -293,13 +300,16 @@ def daylight(
                 raise ImageError(failed.failure, failed.rescue) from stop
             raise typer.Exit(exit_code()) from stop
 
-    def coefficients_of(which: str, beside: Path) -> DaylightCoefficients:
+    def source_of(which: str) -> DaylightCoefficients | tuple[Scene, Points]:
+        """Return the coefficients of a file, or a scene with its sensors, so that errors come before long work."""
+        nonlocal of_texels
         if which.lower().endswith(".npz"):
             from glpath.daylight.coefficients import DaylightCoefficients
 
             found = DaylightCoefficients.load(which)
             if found.shard is not None:
                 raise UsageError(f"{which}: is a shard, a part of the sensors.", "Merge all: `glpath merge`.")
+            of_texels = found.texels if of_texels is None else of_texels
             return found
         if points is None and texels is None:
             raise UsageError(
@@ -312,38 +322,51 @@ def daylight(
         check_outputs(out)  # again, because a scene names further files
         if texels is not None:
             # A scene with closed blinds gets the texels of the scene without blinds, so that sensors are the same.
-            faces = texels.of(loaded) if of_texels is None else of_texels
-            found = computed(loaded, Points(faces.points, faces.normals), beside)
-            first = 0 if found.shard is None else found.shard.first
-            return replace(found, texels=faces[first : first + len(found)])
+            of_texels = texels.of(loaded) if of_texels is None else of_texels
+            return loaded, Points(of_texels.points, of_texels.normals)
         assert points is not None, "asked above"
         at = read_points(points, vector("--normal", normal))
         check_within(at, loaded, f"--points {points}")
-        return computed(loaded, at, beside)
+        return loaded, at
+
+    def coefficients_of(source: DaylightCoefficients | tuple[Scene, Points], beside: Path) -> DaylightCoefficients:
+        if not isinstance(source, tuple):
+            return source
+        found = computed(*source, beside)
+        if texels is not None:
+            assert of_texels is not None, "the scene was read"
+            first = 0 if found.shard is None else found.shard.first
+            found = replace(found, texels=of_texels[first : first + len(found)])
+        rescue[beside.with_suffix(".npz").name] = found.save
+        return found
 
     if from_file and year is None and not shown:
         raise UsageError(f"{scene}: has coefficients already.", "Give --weather, for a year.")
     if points is not None and str(points) == "-" and blinds is not None:
         raise UsageError("--points -: is read once, but --blinds needs the sensors again.", "Give a file.")
-    of_texels: Texels | None = None
-    checkpoints: list[DaylightCheckpoint] = []
+    source, *closed = [source_of(each) for each in (scene, *(blinds or ()))]
     # Each checkpoint stays, and stays locked, until all outputs are saved, because a later step may fail.
     with ExitStack() as held:
-        found = coefficients_of(scene, saved)
-        of_texels = found.texels
-        rescue: dict[str, Save] = {"daylight.npz": found.save}
-        targets: dict[Path, Save] = {path: found.save for path in out if path.suffix.lower() == ".npz"}
-        lines = list(_summary(found))
-        of_year = None
-        if year is not None:
-            names = [saved.with_suffix(f".blinds{number or ''}.npz") for number in range(len(blinds or ()))]
-            closed = [coefficients_of(group, name) for group, name in zip(blinds or (), names, strict=True)]
-            of_year = year.of(found, closed)
-            targets |= {path: year.save_as(of_year) for path in others if path not in targets}
-            lines += year_summary(of_year)
-        targets |= saves_shown(shown, found, of_year, show)
+        found = coefficients_of(source, saved)
+        files: dict[Path, Save] = {path: found.save for path in out if path.suffix.lower() == ".npz"}
+        targets = dict(files)
+        try:
+            lines = list(_summary(found))
+            of_year = None
+            if year is not None:
+                names = [saved.with_suffix(f".blinds{number or ''}.npz") for number in range(len(closed))]
+                groups = [coefficients_of(group, name) for group, name in zip(closed, names, strict=True)]
+                of_year = year.of(found, groups)
+                targets |= {path: year.save_as(of_year) for path in others if path not in targets}
+                lines += year_summary(of_year)
+            targets |= saves_shown(shown, found, of_year, show)
+        except (Exception, KeyboardInterrupt) as failed:  # even a bug of ours must not lose the coefficients
+            hold()
+            in_checkpoints = run.resume and not any(each.failure for each in checkpoints)
+            _keep(failed, files, rescue, in_checkpoints)
+            raise
         hold()  # coefficients from a file were not computed by `_computed`, but their year or figure was
-        _, failure = save_all(targets, rescue, "The coefficients are kept in {}.")
+        _, failure = save_all(targets, rescue, _KEPT)
         if failure is not None:
             raise failure
         faults = [fault for each in checkpoints if (fault := remove_checkpoint(each))]
@@ -368,6 +391,28 @@ def _check_computed(context: typer.Context, coefficients: str) -> None:
             f"{', '.join(unused)}: not used, because {coefficients} has coefficients already.",
             "Leave the options out, or name the scene to compute its coefficients.",
         )
+
+
+def _keep(
+    failed: BaseException, files: Mapping[Path, Save], computed: Mapping[str, Save], in_checkpoints: bool
+) -> None:
+    """Save computed coefficients after a later step has failed, and add the names of their files to the error.
+
+    files    : functions that write the outputs that are coefficients, by path
+    computed : functions that write all computed coefficients, by file name. Those that are no output go into a
+               temporary folder
+    in_checkpoints : True if the next command with --resume has them again, so that no temporary folder is needed
+    """
+    written, _ = save_all({path: save for path, save in files.items() if save in computed.values()})
+    notes = [_KEPT.format(", ".join(map(str, written)))] if written else []
+    others = {name: save for name, save in computed.items() if not written or save not in files.values()}
+    if others and not in_checkpoints:
+        notes.append(rescued(others, _KEPT))
+    if isinstance(failed, GlpathError):
+        failed.remedy = "\n".join(filter(None, [failed.remedy, *notes]))
+    else:
+        for note in notes:
+            say(f"glpath: {note}", err=True)
 
 
 def _computed(

@@ -26,14 +26,14 @@ class YearRequest:
     """Options of the annual calculation.
 
     weather   : weather of the site
-    occupied  : start and end of the occupied part of the day, hours in local standard time
+    occupied  : (H,) bool, True for hours of the weather in the occupied part of the day
     threshold : illuminance from which on an hour counts for daylight autonomy, lx
     ground    : albedo of the ground
     hours     : True if the .nc file holds the values of each sensor in each hour
     """
 
     weather: Weather
-    occupied: tuple[float, float]
+    occupied: NDArray[np.bool_]
     threshold: float
     ground: float
     hours: bool
@@ -43,16 +43,9 @@ class YearRequest:
 
         blinds : coefficients of the scene with blinds closed, one for each group of windows
         """
-        from glpath.daylight.year import daylight_year
+        from glpath.daylight.year import year_of
 
-        return daylight_year(
-            coefficients,
-            self.weather,
-            blinds=blinds,
-            occupied=self.occupied,
-            threshold=self.threshold,
-            ground=self.ground,
-        )
+        return year_of(coefficients, self.weather, tuple(blinds), self.occupied, self.threshold, self.ground)
 
     def save_as(self, year: DaylightYear) -> Save:
         """Return a function that writes the annual results to a path."""
@@ -68,7 +61,10 @@ def year_request(
     out: Sequence[Path],
     latitude: float | None,
 ) -> YearRequest | None:
-    """Return the request, or None without --weather. Raises UsageError if options or output files contradict it."""
+    """Return the request, or None without --weather. Raises UsageError if options or output files contradict it.
+
+    Warns with SceneWarning if the weather is of a part of a year.
+    """
     for path in out:
         suffix = path.suffix.lower()
         if suffix == ".npz" and not is_stream(path):
@@ -85,12 +81,13 @@ def year_request(
         return None
     if latitude is not None:
         raise UsageError("--latitude: says nothing beside --weather, whose site has one.", "Leave it out.")
-    from glpath.daylight.year import check_settings
+    from glpath.daylight.year import check_settings, occupied_hours
     from glpath.io.weather import read_weather
 
     period = _hours(occupied)
     check_settings(period, threshold, ground)
-    return YearRequest(read_weather(weather), period, threshold, ground, hours)
+    found = read_weather(weather)
+    return YearRequest(found, occupied_hours(found, period), threshold, ground, hours)
 
 
 def year_summary(year: DaylightYear) -> Iterator[str]:

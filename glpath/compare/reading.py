@@ -24,6 +24,7 @@ from glpath.film.image import (
     FLOAT_PIXEL,
     READABLE,
     WEBP_HEAD,
+    check_decoding,
     check_scans,
     decode_srgb,
     picture_size,
@@ -166,6 +167,7 @@ def _by_pillow(data: bytes, name: str) -> Picture:
         pixels = image.width * image.height
         check_unfolded(pixels * len(image.getbands()), len(data), pixels * FLOAT_PIXEL)
         check_scans(data)
+        check_decoding(image)
         image.load()
         array = _array_of_pillow(image, name)
         texts = glpath_texts({str(key): value for key, value in image.info.items()})

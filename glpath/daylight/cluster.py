@@ -15,7 +15,7 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,9 +25,9 @@ from glpath.daylight.checkpoint import DaylightCheckpoint
 from glpath.daylight.coefficients import DaylightCoefficients
 from glpath.daylight.kept_shards import KeptShards
 from glpath.daylight.merging import together
-from glpath.errors import ContextError, GlpathError, warn
+from glpath.errors import ContextError, GlpathError, collected_warnings, warn
 from glpath.jobs.connection import Connection, quiet
-from glpath.jobs.worker import check_version, held, this_version, warnings_for_caller
+from glpath.jobs.worker import check_version, held, this_version
 from glpath.rendering.interrupts import interrupt_as_flag
 from glpath.scene import Scene
 from glpath.system.heartbeat import heartbeat
@@ -51,26 +51,25 @@ _SILENCE_S = 10.0
 class DaylightWork:
     """Data that all shards of a computation need, sent to each worker once.
 
-    token   : identifier of the computation
     points, normals : (N, 3) of all sensors
     options : options of `daylight_coefficients`
+    compute : `daylight_coefficients`
+    token   : identifier of the computation
     version : version of glpath, which must equal the worker's
     """
 
-    token: str
     scene: Scene
     points: Float64
     normals: Float64
     options: dict[str, Any]
-    version: str
+    compute: Callable[..., DaylightCoefficients]
+    token: str = field(default_factory=lambda: uuid.uuid4().hex)
+    version: str = field(default_factory=this_version)
 
 
 def computed_by(
     cluster: Connection,
-    scene: Scene,
-    points: Float64,
-    normals: Float64,
-    options: dict[str, Any],
+    shared: DaylightWork,
     work: str,
     resume: DaylightCheckpoint | None,
     report: Callable[[int, int], None],
@@ -84,11 +83,10 @@ def computed_by(
     Raises the errors of `daylight_coefficients`, and ContextError if a shard fails on several workers or the
     scheduler is gone.
     """
-    count = max(1, min(len(points), _SHARDS_A_WORKER * max(1, len(cluster.workers()))))
-    kept = None if resume is None else KeptShards(resume.path, work, count, len(points))
+    count = max(1, min(len(shared.points), _SHARDS_A_WORKER * max(1, len(cluster.workers()))))
+    kept = None if resume is None else KeptShards(resume.path, work, count, len(shared.points))
     found = {} if kept is None else kept.read()
     count = count if kept is None else kept.count
-    shared = DaylightWork(uuid.uuid4().hex, scene, points, normals, options, this_version())
     shards = _Shards(cluster, shared, count, [k for k in range(1, count + 1) if k not in found])
     try:
         cluster.share(shared)
@@ -192,10 +190,8 @@ class _Shards:
 
 def compute_shard(token: str, shard: tuple[int, int]) -> tuple[DaylightCoefficients, list[str]]:
     """Return the coefficients of shard (k, n) of a token's computation, in a worker, and texts of warnings."""
-    from glpath.daylight.compute import daylight_coefficients
-
-    with held(token) as shared, warnings_for_caller() as texts:
+    with held(token) as shared, collected_warnings() as texts:
         assert isinstance(shared, DaylightWork), "what computed_by shares"
         check_version(shared.version)
-        found = daylight_coefficients(shared.scene, shared.points, shared.normals, **shared.options, shard=shard)
-    return found, texts
+        found = shared.compute(shared.scene, shared.points, shared.normals, **shared.options, shard=shard)
+    return found, list(texts)

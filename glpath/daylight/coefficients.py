@@ -363,25 +363,25 @@ class DaylightCoefficients:
             points = arrays.read("points", "f", (None, 3))
             d, n = len(directions), len(points)
             words = -(-d // WORD)
-            fields: dict[str, Any] = dict(
-                points=points,
-                normals=arrays.read("normals", "f", (n, 3)),
-                receiver=receiver,
-                subdivision=int(arrays.read("subdivision", "i", ())),
-                up=arrays.read("up", "f", (3,)),
-                north=arrays.read("north", "f", (3,)),
-                latitude=float(arrays.read("latitude", "f", ())),
-                samples=int(arrays.read("samples", "i", ())),
-                directions=directions,
-                column=arrays.read("column", "i", (d,)),
-                weight=arrays.read("weight", "f", (d,)),
-                words=arrays.read("words", "u", (words, n)),
-                shares=arrays.read("shares", "f", (WORD * words, n)) if "shares" in arrays else None,
-                indirect=Indirect.read(arrays, n) if "radiosity" in arrays else None,
-                texels=Texels.read(arrays, n) if "texel_corners" in arrays else None,
-                shard=_shard(arrays) if "shard" in arrays else None,
-            )
             try:
+                fields: dict[str, Any] = dict(
+                    points=points,
+                    normals=arrays.read("normals", "f", (n, 3)),
+                    receiver=receiver,
+                    subdivision=int(arrays.read("subdivision", "i", ())),
+                    up=arrays.read("up", "f", (3,)),
+                    north=arrays.read("north", "f", (3,)),
+                    latitude=float(arrays.read("latitude", "f", ())),
+                    samples=int(arrays.read("samples", "i", ())),
+                    directions=directions,
+                    column=arrays.read("column", "i", (d,)),
+                    weight=arrays.read("weight", "f", (d,)),
+                    words=arrays.read("words", "u", (words, n)),
+                    shares=arrays.read("shares", "f", (WORD * words, n)) if "shares" in arrays else None,
+                    indirect=Indirect.read(arrays, n) if "radiosity" in arrays else None,
+                    texels=Texels.read(arrays, n) if "texel_corners" in arrays else None,
+                    shard=_shard(arrays) if "shard" in arrays else None,
+                )
                 return cls(**fields)
             except UsageError as error:
                 raise ValueError(error.message) from error

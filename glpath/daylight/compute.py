@@ -215,7 +215,10 @@ def daylight_coefficients(
     if cluster is not None:
         if shard is not None:
             raise UsageError("cluster: makes shards itself; shard is one of them alone.", "Give one of the two.")
-        from glpath.daylight.cluster import computed_by
+        from glpath.daylight.cluster import (  # late, because it imports the package distributed
+            DaylightWork,
+            computed_by,
+        )
 
         of_each = {
             "subdivision": subdivision,
@@ -241,7 +244,8 @@ def daylight_coefficients(
                 on_progress(DaylightProgress("shards", done, count, len(positions), since))
 
         with warning_scope(strict=False) as scope, checkpoint or nullcontext():
-            merged = computed_by(cluster, loaded, positions, facing, of_each, work, checkpoint, shards_done)
+            of_all = DaylightWork(loaded, positions, facing, of_each, daylight_coefficients)
+            merged = computed_by(cluster, of_all, work, checkpoint, shards_done)
             if checkpoint is not None and checkpoint is not resume:
                 checkpoint.remove()
         scope.raise_late(merged)
@@ -257,7 +261,7 @@ def daylight_coefficients(
             passed = time.perf_counter() - started
             on_progress(DaylightProgress(stage, done, len(directions), count, passed))
 
-    with ExitStack() as held:
+    with warning_scope(strict=False) as scope, ExitStack() as held:
         kept: KeptWords | KeptPass | None = None
         if checkpoint is not None:
             held.enter_context(checkpoint)
@@ -324,6 +328,7 @@ def daylight_coefficients(
             total = replace(direct, indirect=replace(indirect, bias=bias))
         if checkpoint is not None and checkpoint is not resume:
             checkpoint.remove()
+    scope.raise_late(total)
     return total
 
 

@@ -8,6 +8,7 @@ devices are of one kind. A file that is given twice, and a copy of a file, count
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
@@ -33,10 +34,12 @@ def merge_coefficients(paths: Iterable[Path]) -> tuple[DaylightCoefficients, lis
     """
     found: dict[Path, DaylightCoefficients] = {}
     repeated: list[Path] = []
+    real: set[str] = set()
     for path in paths:
-        if any(path.resolve() == other.resolve() for other in found):
+        if os.path.realpath(path) in real:  # not `resolve`, which raises RuntimeError for a link to itself
             repeated.append(path)
             continue
+        real.add(os.path.realpath(path))
         loaded = DaylightCoefficients.load(path)
         shard = loaded.shard
         if shard is None:

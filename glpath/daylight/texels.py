@@ -48,7 +48,7 @@ class Texels:
     shape       : (N,) int32, index of the shape in the scene
     shape_names : names of all shapes of the scene
 
-    Raises UsageError for arrays of other shapes, and for values out of range.
+    Raises UsageError for arrays of other shapes, for values out of range, and for texels without an area.
     """
 
     corners: Float64
@@ -64,12 +64,24 @@ class Texels:
         object.__setattr__(self, "corners", corners)
         object.__setattr__(self, "shape", shape.astype(np.int32))
         object.__setattr__(self, "shape_names", tuple(names))
+        if not self.areas.all():
+            raise UsageError(
+                f"corners[{int(np.argmin(self.areas))}]: a texel without an area, which has no normal",
+                "Leave it out.",
+            )
 
     def __len__(self) -> int:
         return len(self.corners)
 
     def __getitem__(self, which: slice) -> Texels:
-        return Texels(self.corners[which], self.shape[which], self.shape_names)
+        try:
+            corners, shape = self.corners[which], self.shape[which]
+        except (TypeError, ValueError, IndexError) as error:
+            raise UsageError(
+                f"texels: [{short_repr(which)}] where a slice of whole numbers is needed",
+                "texels[0:9] has the first nine.",
+            ) from error
+        return Texels(corners, shape, self.shape_names)
 
     @classmethod
     def joined(cls, parts: Sequence[Texels]) -> Texels:

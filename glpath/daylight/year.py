@@ -267,20 +267,46 @@ def daylight_year(
     Source:   McNeil & Lee 2013; IES LM-83-12.
     """
     check_settings(occupied, threshold, ground)
-    first, last = occupied
     of = weather if isinstance(weather, Weather) else read_weather(weather)
     groups = () if blinds is None else (blinds,) if isinstance(blinds, DaylightCoefficients) else tuple(blinds)
-    _check_alike(coefficients, of, groups)
-    if len(of.times) < _HOURS_OF_YEAR:
+    return year_of(coefficients, of, groups, occupied_hours(of, occupied), threshold, ground)
+
+
+def occupied_hours(weather: Weather, occupied: tuple[float, float]) -> NDArray[np.bool_]:
+    """Return (H,) bool, True for the hours of the weather that lie in the occupied part of the day.
+
+    Warns with SceneWarning if the weather is of a part of a year. Raises UsageError if no hour is occupied.
+    """
+    if len(weather.times) < _HOURS_OF_YEAR:
         warn(
-            f"{of.source}: has {len(of.times):,} of the {_HOURS_OF_YEAR:,} hours of a year. Autonomy, sDA, ASE and "
-            "all sums are of this part alone."
+            f"{weather.source}: has {len(weather.times):,} of the {_HOURS_OF_YEAR:,} hours of a year. Autonomy, "
+            "sDA, ASE and all sums are of this part alone."
         )
-    skies = HourlySkies.of(of, coefficients, ground)
-    begin = (of.times - of.times.astype("datetime64[D]")).astype("timedelta64[s]").astype(np.float64) / 3600
-    counted = (begin >= first) & (begin + 1 <= last)
+    first, last = occupied
+    since_midnight = weather.times - weather.times.astype("datetime64[D]")
+    begin = since_midnight.astype("timedelta64[s]").astype(np.float64) / 3600
+    counted: NDArray[np.bool_] = (begin >= first) & (begin + 1 <= last)
     if not counted.any():
-        raise UsageError(f"occupied: no hour of {of.source} lies from {first:g} to {last:g}.")
+        raise UsageError(f"occupied: no hour of {weather.source} lies from {first:g} to {last:g}.")
+    return counted
+
+
+def year_of(
+    coefficients: DaylightCoefficients,
+    of: Weather,
+    groups: tuple[DaylightCoefficients, ...],
+    counted: NDArray[np.bool_],
+    threshold: float,
+    ground: float,
+) -> DaylightYear:
+    """Return a year of daylight, as `daylight_year` does.
+
+    of      : weather of the site
+    groups  : coefficients with closed blinds, one for each group of windows
+    counted : result of `occupied_hours`
+    """
+    _check_alike(coefficients, of, groups)
+    skies = HourlySkies.of(of, coefficients, ground)
     closed = np.zeros((len(groups), len(of.times)), np.bool_)
     count, weights = len(coefficients), coefficients.sensor_weights
     for is_closed, group in zip(closed, groups, strict=True):

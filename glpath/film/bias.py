@@ -24,6 +24,8 @@ Float64 = NDArray[np.float64]
 BIAS_PROBE = "bias_probe"
 #: Key of the same sums if the gather's bias was too large, so that "path" rendered the film instead.
 REJECTED_GATHER = "rejected_gather"
+#: Key of a text that explains why the bias could not be measured.
+BIAS_OBSTACLE = "bias_obstacle"
 #: Number of blocks along each side of the image.
 BLOCKS = 8
 #: Limit of the bias of the image's mean, as a fraction of that mean; above it, `auto` does not render with a

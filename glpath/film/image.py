@@ -14,7 +14,6 @@ import mmap
 import os
 import re
 import struct
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import cache
@@ -24,13 +23,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import ImageError, UsageError
+from glpath.errors import ImageError, UsageError, warning_filter
 from glpath.film.aovs import AOV_KINDS
 from glpath.film.rgbe import read_header, read_rgbe
 from glpath.system.arguments import checked, short_repr
 from glpath.system.c_output import without_lines
 from glpath.system.files import check_file, reading, whole_file
 from glpath.system.npz import check_unfolded, open_npz, read_npy
+from glpath.system.time_limit import in_command
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
@@ -61,6 +61,10 @@ _JPEG_MARKER, _END_OF_IMAGE, _START_OF_SCAN = re.compile(rb"\xff([\x02-\xcf\xd8-
 # JPEG: maximum number of scans. A scan of a few bytes may cover all pixels, so many scans are slow to decode.
 # libtiff has this limit, too.
 _MAX_SCANS = 100
+# TIFF tags of the width and height of tiles, and number of pixels up to which any tile is read.
+_TILE_WIDTH, _TILE_HEIGHT, _LARGE_TILE = 322, 323, 1 << 22
+# Maximum number of pixels of a BMP whose pixels are stored as run lengths.
+_RUN_LENGTH_PIXELS = 1 << 22
 #: Number of bytes at the start of a WebP file that hold its size.
 WEBP_HEAD = 30
 # Bytes of memory for a pixel that is decoded to three float64.
@@ -555,8 +559,7 @@ def without_size_warnings() -> Iterator[None]:
     """Context without Pillow's warnings of many pixels, because `check_unfolded` limits them."""
     from PIL import Image
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+    with warning_filter("ignore", Image.DecompressionBombWarning):
         yield
 
 
@@ -596,6 +599,23 @@ def check_scans(data: bytes) -> None:
         if scans > _MAX_SCANS:
             raise ValueError(f"it is a JPEG of more than {_MAX_SCANS} scans")
         position = marker.end() + int.from_bytes(data[marker.end() : marker.end() + 2])
+
+
+def check_decoding(opened: Any) -> None:
+    """Raise ImageError for a picture without pixels, or one that takes much more memory or time than its pixels."""
+    pixels = opened.width * opened.height
+    if not pixels:
+        raise ImageError(f"it has {opened.width} x {opened.height} pixels", "Write it anew.")
+    if opened.format == "TIFF":
+        width, height = (int(opened.tag_v2.get(tag, 0)) for tag in (_TILE_WIDTH, _TILE_HEIGHT))
+        if width * height > max(_LARGE_TILE, 4 * pixels):  # a tile is decoded as a whole
+            raise ImageError(
+                f"its tiles of {width:,} x {height:,} pixels are larger than the picture of {pixels:,}",
+                "Write it anew.",
+            )
+    run_lengths = any(tile[0] == "bmp_rle" for tile in getattr(opened, "tile", ()))
+    if run_lengths and pixels > _RUN_LENGTH_PIXELS:  # Pillow's decoder takes 0.1 us per pixel
+        raise ImageError(f"it is a BMP of run lengths with {pixels:,} pixels", "Write it without compression.")
 
 
 def _read_png(path: Path) -> Float64:
@@ -767,7 +787,8 @@ def _check_exr_entries(data: mmap.mmap) -> None:
 def _openexr(path: Path, flags: int = os.O_RDONLY) -> Iterator[str]:
     """Context that yields a UTF-8 name for `path`, because OpenEXR opens no file by another name.
 
-    Lines that OpenEXR prints on errors are suppressed.
+    In a command, lines that OpenEXR prints on errors are suppressed. In Python they are not, because other threads
+    and child processes of the program may use standard output meanwhile.
     """
     with ExitStack() as stack:
         name = str(path)
@@ -775,7 +796,8 @@ def _openexr(path: Path, flags: int = os.O_RDONLY) -> Iterator[str]:
             descriptor = os.open(path, flags, 0o666)
             stack.callback(os.close, descriptor)
             name = f"/proc/self/fd/{descriptor}"
-        stack.enter_context(without_lines(f"{name}: (EXR_", "Warning: Exception raised reading pixel data"))
+        if in_command():
+            stack.enter_context(without_lines(f"{name}: (EXR_", "Warning: Exception raised reading pixel data"))
         yield name
 
 

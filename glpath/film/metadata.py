@@ -76,7 +76,8 @@ class FilmMetadata:
                       milliseconds by stage; `radiosity_s`, for a gather, seconds until it had its radiosity
                       solution; `bias_probe`, for a gather, sums of its difference from unbiased paths, see
                       `glpath.film.bias`; `rejected_gather`, the same for a gather whose bias was too large, so that
-                      "path" rendered the film
+                      "path" rendered the film; `bias_obstacle`, a text that explains why the bias of a gather
+                      could not be measured
     aovs            : names from AOVS of the film's AOVs
     shape_names     : names of the scene's shapes if the film has "object_id" or "material_id"; otherwise empty
     material_names  : names of the scene's materials, in the same films as `shape_names`

@@ -11,11 +11,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from glpath.errors import warn
 from glpath.film.image import decode_srgb
 from glpath.io import phong
 from glpath.io.gltf.primitives import is_solid
 from glpath.io.gltf.surfaces import Surface
-from glpath.io.pictures import pixels_of
+from glpath.io.named_files import UnusableError
+from glpath.io.pictures import pixels_of, unusable_if_damaged
 from glpath.scene.model import Float64, Light, Material, Mesh, Texture, TextureSlot
 from glpath.scene.source_location import SourceLocation
 from glpath.system.private_interfaces import given_trimesh_lights
@@ -34,10 +36,10 @@ def coloured(mesh: Mesh, given: Any) -> Mesh:
     if kind == "face" and len(given.visual.face_colors) == len(mesh.faces):
         apart = mesh.unshared()
         return replace(apart, colours=np.repeat(_rgba(given.visual.face_colors, srgb=True), 3, axis=0))
-    colours = given.visual.vertex_colors if kind == "vertex" else None
+    colours: Any = given.visual.vertex_colors if kind == "vertex" else None
     if kind == "texture":
         colours = (getattr(given.visual, "vertex_attributes", None) or {}).get("color")
-    if colours is None or len(colours) != len(mesh.vertices) or np.shape(colours)[1] not in (3, 4):
+    if np.shape(colours) not in ((len(mesh.vertices), 3), (len(mesh.vertices), 4)):
         return mesh
     return replace(mesh, colours=_rgba(colours, srgb=kind == "vertex"))
 
@@ -73,7 +75,7 @@ class Surfaces:
 
     textures: list[Texture] = field(default_factory=list)
     _surfaces: dict[tuple[int, bool, bool, bool], Surface] = field(default_factory=dict)
-    _numbers: dict[tuple[int, bool], int] = field(default_factory=dict)
+    _slots: dict[tuple[int, bool], TextureSlot | None] = field(default_factory=dict)
     _alive: list[Any] = field(default_factory=list)  # keeps objects alive, so that their ids stay unique
 
     def of(self, given: Any, mesh: Mesh, location: SourceLocation) -> tuple[Mesh, Surface | None]:
@@ -82,7 +84,8 @@ class Surfaces:
         given    : trimesh mesh from which `mesh` was made
         location : location of `given`, for errors
 
-        Raises SceneError for a mesh with several materials.
+        Raises SceneError for a mesh with several materials, and for textures that are no Pillow images. Warns of
+        pictures that cannot be read; the surface is then without them.
         """
         mesh = coloured(mesh, given)
         material = getattr(given.visual, "material", None) if given.visual.kind == "texture" else None
@@ -99,16 +102,16 @@ class Surfaces:
         if key not in self._surfaces:
             self._alive.append(material)
             if is_pbr:
-                surface = self._metallic_roughness(material, closed)
+                surface = self._metallic_roughness(material, closed, location)
             else:
-                surface = self._phong(material, mesh.colours is not None)
+                surface = self._phong(material, mesh.colours is not None, location)
             if mesh.uv is None:
                 plain = replace(surface.material, **dict.fromkeys(surface.material.slots))  # type: ignore[arg-type]
                 surface = replace(surface, material=plain)
             self._surfaces[key] = surface
         return mesh, self._surfaces[key]
 
-    def _metallic_roughness(self, given: Any, closed: bool) -> Surface:
+    def _metallic_roughness(self, given: Any, closed: bool, location: SourceLocation) -> Surface:
         """Return the surface of a `PBRMaterial`.
 
         closed : True if a one-sided mesh hides its backs. They are visible through its transparent parts only, and
@@ -123,21 +126,21 @@ class Surfaces:
             base[:3],
             two_sided=two_sided,
             culled=not (two_sided or closed),
-            texture=self._slot(given.baseColorTexture, srgb=True),
+            texture=self._slot(given.baseColorTexture, location, srgb=True),
             roughness=_share(given.roughnessFactor),
             metallic=_share(given.metallicFactor),
             opacity=1.0 if alpha == "opaque" else float(base[3]),
             alpha=alpha,
             cutoff=0.5 if given.alphaCutoff is None else float(given.alphaCutoff),
-            surface_texture=self._slot(given.metallicRoughnessTexture, srgb=False),
-            normal_texture=self._slot(given.normalTexture, srgb=False),
-            emission_texture=self._slot(given.emissiveTexture, srgb=True) if emission.any() else None,
+            surface_texture=self._slot(given.metallicRoughnessTexture, location, srgb=False),
+            normal_texture=self._slot(given.normalTexture, location, srgb=False),
+            emission_texture=self._slot(given.emissiveTexture, location, srgb=True) if emission.any() else None,
         )
         return Surface(material, np.asarray(emission, np.float64)[:3])
 
-    def _phong(self, given: Any, with_colours: bool) -> Surface:
+    def _phong(self, given: Any, with_colours: bool, location: SourceLocation) -> Surface:
         """Return the surface of a `SimpleMaterial`, or of another trimesh material from its main colour."""
-        texture = self._slot(getattr(given, "image", None), srgb=True)
+        texture = self._slot(getattr(given, "image", None), location, srgb=True)
         diffuse = getattr(given, "diffuse", given.main_color)
         opacity = float(diffuse[3] / 255)
         base = _stated(given, "kd", diffuse)
@@ -155,17 +158,27 @@ class Surfaces:
         )
         return Surface(material, np.zeros(3))
 
-    def _slot(self, image: Any, *, srgb: bool) -> TextureSlot | None:
+    def _slot(self, image: Any, location: SourceLocation, *, srgb: bool) -> TextureSlot | None:
         if image is None:
             return None
         key = (id(image), srgb)
-        if key not in self._numbers:
+        if key not in self._slots:
+            import PIL.Image
+
+            if not isinstance(image, PIL.Image.Image):
+                raise location.error(f"has a texture of type {type(image).__name__}, but must have a PIL.Image.")
             self._alive.append(image)
-            pixels = pixels_of(image)
+            self._slots[key] = None
             number = len(self.textures)
-            self.textures.append(Texture(f"texture-{number}", pixels if srgb else pixels[..., :3], srgb=srgb))
-            self._numbers[key] = number
-        return TextureSlot(self._numbers[key])
+            try:
+                with unusable_if_damaged():
+                    pixels = pixels_of(image)
+            except UnusableError as error:
+                warn(f"{location}: not used: A texture, {error}.")
+            else:
+                self.textures.append(Texture(f"texture-{number}", pixels if srgb else pixels[..., :3], srgb=srgb))
+                self._slots[key] = TextureSlot(number)
+        return self._slots[key]
 
 
 def _stated(given: Any, keyword: str, colour: Any) -> Float64 | None:

@@ -286,7 +286,7 @@ def _counted_from_one(text: str, rows: dict[str, _Rows], location: SourceLocatio
             raise _no_index(text, location) from error
         if index == 0 and not indices:
             raise _no_such(location, kind, word, len(each.texts)) if word else _no_index(text, location)
-        if index < 0 and each.texts:
+        if index < 0 and (each.texts or kind == "v"):  # exporters write indices of vt and vn that they omit
             index += len(each.texts) + 1
             if index < 1:
                 raise _no_such(location, kind, word, len(each.texts))
@@ -363,8 +363,10 @@ def _location_of_corner(corner: int, sizes: list[int], source: str, content: byt
 
 
 def _no_such(location: SourceLocation, kind: str, index: str, total: int) -> SceneError:
+    above = " above it" if index.startswith("-") else ""
+    allowed = f" (1 to {total})" if total else ""
     return location.error(
-        f"names {_NAMES[kind]} {index}, but the file has {total} {_PLURALS[kind]} (1 to {total}).",
+        f"names {_NAMES[kind]} {index}, but the file has {total} {_PLURALS[kind]}{above}{allowed}.",
         "Vertex indices of OBJ files count from 1.",
     )
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import GlpathError, ImageError, TimeLimitError
-from glpath.film.image import WEBP_HEAD, check_scans, picture_size, read_texture, webp_size
+from glpath.errors import GlpathError, ImageError, TimeLimitError, warning_filter
+from glpath.film.image import WEBP_HEAD, check_decoding, check_scans, picture_size, read_texture, webp_size
 from glpath.io.description import MAX_TEXTURE_PIXELS, MAX_TEXTURE_SIDE
 from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.system.bounded_reading import reading_file
@@ -25,10 +26,6 @@ _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "TIFF", "WEBP", "GIF")
 _BITS_TAG = 258
 # TIFF tag PhotometricInterpretation.
 _PHOTOMETRIC_TAG = 262
-# TIFF tags of the width and height of tiles, and number of pixels up to which any tile is read.
-_TILE_WIDTH, _TILE_HEIGHT, _LARGE_TILE = 322, 323, 1 << 22
-# Maximum number of pixels of a BMP whose pixels are stored as run lengths.
-_RUN_LENGTH_PIXELS = 1 << 22
 #: Bytes of memory for a pixel of 8 bits per channel while it is decoded, by Pillow's name of the format. Pillow's
 #: decoder of WebP holds several copies of a picture.
 DECODING_PIXEL = {"WEBP": 16}
@@ -80,7 +77,7 @@ class Pictures:
         return found
 
     def _pixels(self, path: Path) -> Image:
-        try:
+        with unusable_if_damaged():
             check_file(path)
             if path.suffix.lower() == ".exr":
                 size = picture_size(path, display=True)
@@ -92,22 +89,15 @@ class Pictures:
                 self._check(path, *webp, 3, DECODING_PIXEL["WEBP"])
             import PIL.Image
 
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # warnings of many pixels, which `_check` limits, and odd tags
-                with PIL.Image.open(path, formats=_FORMATS) as opened:
-                    if opened.format in ("JPEG", "MPO"):
-                        check_scans(path.read_bytes())
-                    bytes_each = 4 if opened.mode == "F" else 1
-                    if webp is None:
-                        bands = len(opened.getbands())
-                        self._check(path, *opened.size, bands * bytes_each, BYTE_PIXEL * bytes_each)
-                    return pixels_of(opened)
-        except (UnusableError, TimeLimitError):
-            raise
-        except GlpathError as error:
-            raise UnusableError(f"which cannot be read: {error.message}") from error
-        except Exception as error:  # Pillow's parsers may raise anything
-            raise UnusableError(f"which cannot be read: {type(error).__name__}: {reason_of(error)}") from error
+            # The filter hides warnings about odd tags, and about many pixels, which `_check` limits.
+            with warning_filter("ignore"), PIL.Image.open(path, formats=_FORMATS) as opened:
+                if opened.format in ("JPEG", "MPO"):
+                    check_scans(path.read_bytes())
+                bytes_each = 4 if opened.mode == "F" else 1
+                if webp is None:
+                    bands = len(opened.getbands())
+                    self._check(path, *opened.size, bands * bytes_each, BYTE_PIXEL * bytes_each)
+                return pixels_of(opened)
 
     def _check(self, path: Path, width: int, height: int, pixel: int, decoding_pixel: int) -> None:
         """Raise UnusableError or ValueError if a picture is too large.
@@ -127,6 +117,19 @@ class Pictures:
         self.unfolded.add(pixel * width * height, path.stat().st_size, decoded)
 
 
+@contextmanager
+def unusable_if_damaged() -> Iterator[None]:
+    """Context in which errors of reading a picture become UnusableError, except that of a time limit."""
+    try:
+        yield
+    except (UnusableError, TimeLimitError):
+        raise
+    except GlpathError as error:
+        raise UnusableError(f"which cannot be read: {error.message}") from error
+    except Exception as error:  # Pillow's parsers may raise anything
+        raise UnusableError(f"which cannot be read: {type(error).__name__}: {reason_of(error)}") from error
+
+
 def pixels_of(opened: Any) -> Image:
     """Return the pixels of a Pillow image, (h, w, 3) or with alpha (h, w, 4).
 
@@ -139,12 +142,12 @@ def pixels_of(opened: Any) -> Image:
 def stored_pixels(opened: Any) -> NDArray[Any]:
     """Return the pixels of a Pillow image as stored, (h, w, 3) or with alpha (h, w, 4).
 
-    Pixels are uint8; those of grey images may be uint16 or float32. Raises ImageError if the number that means
-    white is unknown, and for floats that are not finite.
+    Pixels are uint8; those of grey images may be uint16 or float32. Raises ImageError if there are none,
+    if the number that means white is unknown, and for floats that are not finite.
     """
-    _check_decoding(opened)
+    check_decoding(opened)
     if opened.mode != "F" and not opened.mode.startswith("I"):
-        alpha = "A" in opened.getbands() or "transparency" in opened.info
+        alpha = opened.mode.endswith("A") or "transparency" in opened.info
         return _bytes_of(opened, "RGBA" if alpha else "RGB")
     grey = np.asarray(opened)
     _check_range(opened, grey)
@@ -154,21 +157,6 @@ def stored_pixels(opened: Any) -> NDArray[Any]:
     if isinstance(transparent := opened.info.get("transparency"), int):
         channels.append(np.where(grey == transparent, 0, 65535).astype(np.uint16))
     return np.stack(channels, axis=2)
-
-
-def _check_decoding(opened: Any) -> None:
-    """Raise ImageError for a picture whose decoding takes much more memory or time than its pixels."""
-    pixels = opened.width * opened.height
-    if opened.format == "TIFF":
-        width, height = (int(opened.tag_v2.get(tag, 0)) for tag in (_TILE_WIDTH, _TILE_HEIGHT))
-        if width * height > max(_LARGE_TILE, 4 * pixels):  # a tile is decoded as a whole
-            raise ImageError(
-                f"its tiles of {width:,} x {height:,} pixels are larger than the picture of {pixels:,}",
-                "Write it anew.",
-            )
-    run_lengths = any(tile[0] == "bmp_rle" for tile in getattr(opened, "tile", ()))
-    if run_lengths and pixels > _RUN_LENGTH_PIXELS:  # Pillow's decoder takes 0.1 us per pixel
-        raise ImageError(f"it is a BMP of run lengths with {pixels:,} pixels", "Write it without compression.")
 
 
 def _bytes_of(opened: Any, mode: str) -> NDArray[np.uint8]:

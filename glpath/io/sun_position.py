@@ -9,7 +9,6 @@ Source:   Reda & Andreas 2004, Solar position algorithm for solar radiation appl
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
@@ -17,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import GlpathError
+from glpath.errors import GlpathError, warning_filter
 from glpath.scene.model import Float64
 
 Times = NDArray[np.datetime64]
@@ -38,12 +37,11 @@ class SunPosition(NamedTuple):
 
 @contextmanager
 def quiet_pvlib() -> Iterator[Any]:
-    """Yield the module pvlib, in a context in which pvlib and its libraries give no warnings.
+    """Yield the module pvlib, in a context in which pvlib and its libraries give no warnings to this thread.
 
     Raises GlpathError with the command that installs pvlib if it is missing.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warning_filter("ignore"):
         try:
             import pvlib
         except ImportError:

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import codecs
 import re
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glpath.errors import warning_filter
 from glpath.scene.source_location import SourceLocation
 from glpath.system.numerals import real
 from glpath.system.time_limit import check_time
@@ -112,8 +112,7 @@ def _pieces(text: str) -> Iterator[str]:
 
 def _parse_piece(text: str) -> NDArray[np.float64]:
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # old numpy only warns if a word is not a number
+        with warning_filter("error", DeprecationWarning):  # numpy before 2.3 only warns if a word is not a number
             return np.fromstring(text, sep=" ")
     except (ValueError, DeprecationWarning):
         return np.array([_number(word) for word in text.split()])

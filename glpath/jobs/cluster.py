@@ -31,14 +31,14 @@ from typing import Any
 
 from glpath.errors import ContextError, GlpathError, TimeLimitError, UsageError, warn
 from glpath.film.batches import BLOCK
-from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER
+from glpath.film.bias import BIAS_OBSTACLE, BIAS_PROBE, REJECTED_GATHER
 from glpath.film.choices import INTERRUPTED_RULE, TIME_LIMIT
 from glpath.film.film import Film
 from glpath.film.metadata import merged_values
 from glpath.jobs.chunks import Chunk, Chunks, ChunksFailedError
 from glpath.jobs.connection import Connection, quiet
 from glpath.jobs.worker import Part, Shared, render_part, this_version
-from glpath.rendering.bias import NO_BIAS, SIDE, BiasCheck
+from glpath.rendering.bias import SIDE, BiasCheck
 from glpath.rendering.factory import Plan, sensor_in
 from glpath.rendering.interrupts import RenderInterrupted, interrupt_as_flag
 from glpath.rendering.job import RenderJob
@@ -104,8 +104,14 @@ class Cluster(Connection):
         """
         plan = checked_plan(job, scene).resumed(options.film)
         clock = begin(job, plan, scene, options, None, prepared=False)
-        if clock.ended_before():
-            return clock.film
+        if not clock.ended_before():
+            plan = self._rendered(plan, job, scene, options, clock)
+        for text in remarks_of(plan, clock.film):
+            warn(text, late=True)
+        return clock.film
+
+    def _rendered(self, plan: Plan, job: RenderJob, scene: Scene, options: RunOptions, clock: Clock) -> Plan:
+        """Render the missing path sets into the clock's film, and return the plan that rendered them."""
         with preparing_scene():
             traced = plan.traceable(scene)
         try:
@@ -115,12 +121,10 @@ class Cluster(Connection):
             if not clock.film.path_sets:
                 raise
             clock.end_as_begun(TIME_LIMIT)
-            return clock.film
+            return plan
         shared = Shared(uuid.uuid4().hex, job, scene, plan, options.for_workers(), this_version())
         _Render(self, shared, clock).run()
-        for text in remarks_of(plan, clock.film):
-            warn(text, late=True)
-        return clock.film
+        return plan
 
 
 def _with_small_bias(
@@ -149,12 +153,11 @@ def _with_small_bias(
     except KeyboardInterrupt:
         raise clock.interruption() from None
     except ContextError as error:
-        unbiased = plan.without_bias()
+        unbiased, obstacle = plan.without_bias(), "the bias of the gather cannot be measured here"
         if unbiased is None:
-            name = scene.source or scene.name
-            warn(f"{name}: the bias of the gather cannot be measured here: {error.message} {NO_BIAS}", late=True)
+            clock.statistics[BIAS_OBSTACLE] = f"{obstacle}: {error.message.rstrip('.')}"
         else:
-            log.warning("the bias of the gather cannot be measured here: %s", error.message)
+            log.warning("%s: %s", obstacle, error.message)
             plan = unbiased
     else:
         if interrupted:  # the check does not test the flag while it replaces an engine

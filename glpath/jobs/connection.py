@@ -217,7 +217,7 @@ def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
         # Schedulers and workers always listen for HTTP. Without routes they answer no request.
         settings |= {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     try:
-        with dask.config.set(settings), _signals_blocked():
+        with dask.config.set(settings), _safe_path(), _signals_blocked():
             return distributed.LocalCluster(
                 n_workers=count,
                 threads_per_worker=1,
@@ -234,6 +234,24 @@ def _local_cluster(distributed: Any, count: int, dashboard: bool) -> Any:
             )
     except RuntimeError as error:
         raise ContextError(f"cluster {_LOCAL}{count}: the processes do not start: {error}.") from error
+
+
+@contextlib.contextmanager
+def _safe_path() -> Iterator[None]:
+    """Context in which child processes import no modules of the current folder, unless the variable is set already.
+
+    Child processes start by `python -c`. They get `sys.path` of this process, but only after their first imports.
+    Workers that Dask starts later, after others have died, are not covered in a Python program, because a variable
+    that stayed set would also change the programs that the user starts.
+    """
+    if "PYTHONSAFEPATH" in os.environ:
+        yield
+        return
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        os.environ.pop("PYTHONSAFEPATH", None)
 
 
 @contextlib.contextmanager

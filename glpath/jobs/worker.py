@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import threading
 import time
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from glpath.errors import SceneWarning, UsageError
+from glpath.errors import UsageError, collected_warnings
 from glpath.film.film import Film
 from glpath.rendering.factory import Plan
 from glpath.rendering.job import RenderJob
@@ -108,23 +107,6 @@ def check_version(version: str) -> None:
         )
 
 
-@contextmanager
-def warnings_for_caller() -> Iterator[list[str]]:
-    """Collect the texts of scene warnings for the client; other warnings are shown here at the end."""
-    texts: list[str] = []
-    caught: list[warnings.WarningMessage] = []
-    try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", SceneWarning)
-            yield texts
-    finally:
-        for each in caught:
-            if not issubclass(each.category, SceneWarning):
-                warnings.showwarning(each.message, each.category, each.filename, each.lineno)
-            elif str(each.message) not in texts:
-                texts.append(str(each.message))
-
-
 def render_part(token: str, path_sets: tuple[int, int]) -> Part:
     """Render path sets (start, stop) of the job of a token, and return their film.
 
@@ -134,7 +116,7 @@ def render_part(token: str, path_sets: tuple[int, int]) -> Part:
     shared = _shared[token]
     assert isinstance(shared, Shared), "whose path sets are asked for"
     check_version(shared.version)
-    with _turn, warnings_for_caller() as texts:
+    with _turn, collected_warnings() as texts:
         if _session is None or _session[0] != shared.token:
             forget()
             _session = shared.token, Session(shared.job, shared.scene, shared.options, plan=shared.plan)

@@ -37,6 +37,8 @@ Part = Literal["both", "direct", "indirect"]
 
 #: Format number of the file; it changes with the layout.
 FORMAT = 2
+# Memory in bytes per value of an irradiance while it is read.
+_VALUE = 16
 # Maximum number of parts of a triangle's edge, so that int32 can count its elements.
 _MAX_DIVISIONS = 1 << 15
 #: Index of direct light in the arrays of a solution.
@@ -346,8 +348,8 @@ class RadiositySolution:
             sizes = stored.read("leaf_size", "u", (None,)) if "leaf_size" in stored else np.zeros(0, np.uint16)
             fields: dict[str, Any] = dict(
                 divisions=stored.read("divisions", "iu", (None,)),
-                elements=stored.read("elements", "f", (2, 2, None, 3)),
-                vertices=stored.read("vertices", "f", (2, 2, None, 3)),
+                elements=stored.read("elements", "f", (2, 2, None, 3), decoded_bytes=_VALUE),
+                vertices=stored.read("vertices", "f", (2, 2, None, 3), decoded_bytes=_VALUE),
                 leaf_size=sizes,
                 **{name: made_by[name] for name in names},
             )

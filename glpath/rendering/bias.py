@@ -3,7 +3,7 @@
 A gather looks up a coarse radiosity solution. If the solution is too coarse for the light, the image is too bright
 or too dark with any number of path sets. Therefore a reduced image is traced by the gather and by unbiased paths,
 set by set (`glpath.film.bias`). If the difference is above the limit, the solution is refined. If that does not
-help, "auto" takes "path", and an explicit "gather" gives a warning.
+help, "auto" takes "path", and an explicit "gather" gives a warning at the end (`Plan.remarks`).
 
 Cost:     two further engines, and at least six path sets of an image with 128 pixels along the longer side: 0.2 to
           2 s.
@@ -15,8 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from glpath.errors import ContextError, SceneError, TimeLimitError, warn
-from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER, SURE, Bias, bias_of, block_means, summed
+from glpath.errors import ContextError, SceneError, TimeLimitError
+from glpath.film.bias import BIAS_OBSTACLE, BIAS_PROBE, REJECTED_GATHER, SURE, Bias, bias_of, block_means, summed
 from glpath.gl.context import Context
 from glpath.integrators.engine import Engine
 from glpath.integrators.path_set_engine import PathSetEngine
@@ -36,8 +36,6 @@ LOOKS = (6, 12, 24, 48, 64)
 # Correction for standard errors estimated from few sets (Student's t). Divided by the degrees of freedom, it is
 # added to the required number of standard errors.
 _STUDENT = 1.85
-#: Last sentence of each warning about the bias of a gather.
-NO_BIAS = 'integrator="path" has no bias.'
 _NO_TIME = "the time limit left no time"
 _STAGE = "measuring the bias of the gather"
 
@@ -122,7 +120,7 @@ class BiasCheck:
             replacement = self._in_time(unbiased)
             if replacement is not None:
                 return replacement, self._replaced(engine, replacement)
-            self._warn_of_unknown_bias(_NO_TIME if unbiased is not None else self._obstacle)
+            self._record_obstacle(_NO_TIME if unbiased is not None else self._obstacle)
             return plan, engine
         if bias.is_small():
             return plan, engine
@@ -138,21 +136,12 @@ class BiasCheck:
             self.statistics = {REJECTED_GATHER: self.statistics[BIAS_PROBE]}
             return unbiased, self._replaced(engine, unbiased)
         if bias is None:
-            self._warn_of_unknown_bias(self._obstacle)
-            return plan, engine
-        found = "is" if bias.is_large() else "may be too large: it is"
-        name = self.scene.source or self.scene.name
-        warn(
-            f"{name}: the bias of the gather {found} {bias}. "
-            f"Its radiosity solution may be too coarse for this scene; {NO_BIAS}",
-            late=True,
-        )
+            self._record_obstacle(self._obstacle)
         return plan, engine
 
-    def _warn_of_unknown_bias(self, obstacle: str) -> None:
-        if obstacle:
-            name = self.scene.source or self.scene.name
-            warn(f"{name}: {obstacle} to measure the bias of the gather; {NO_BIAS}", late=True)
+    def _record_obstacle(self, obstacle: str) -> None:
+        """Replace the statistics, which may be of a plan that was refined since, by a reason why there are none."""
+        self.statistics = {BIAS_OBSTACLE: f"{obstacle} to measure the bias of the gather"} if obstacle else None
 
     def _say_unless_interrupted(self, stage: str) -> None:
         """Report a stage. Raises KeyboardInterrupt if the flag is set, because a refined solution takes long."""

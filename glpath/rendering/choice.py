@@ -14,14 +14,13 @@ from __future__ import annotations
 
 import functools
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from glpath.errors import SceneError, SceneWarning, UsageError
+from glpath.errors import SceneError, SceneWarning, UsageError, warning_filter
 from glpath.integrators.by_name import AUTO, INTEGRATORS
 from glpath.integrators.gather_settings import GatherSettings
 from glpath.integrators.path_settings import PathBufferSettings, PathSettings
@@ -146,8 +145,7 @@ def _stands_free(scene: Scene) -> bool:
 def _solvable(scene: Scene) -> bool:
     """Return True if the scene can have a radiosity solution that is worth its time."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SceneWarning)  # the engine gives the warning later
+        with warning_filter("ignore", SceneWarning):  # the engine gives the warning later
             triangles = path_traceable(scene.still())
         if triangles.shapes.total("triangle") > MAX_TRIANGLES:
             return False

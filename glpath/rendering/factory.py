@@ -14,7 +14,7 @@ import numpy as np
 
 from glpath.errors import SceneError, TimeLimitError, warn
 from glpath.film.aovs import guides_denoiser
-from glpath.film.bias import REJECTED_GATHER
+from glpath.film.bias import BIAS_OBSTACLE, REJECTED_GATHER
 from glpath.film.choices import TIME_LIMIT
 from glpath.film.film import Film
 from glpath.gl.context import Context
@@ -442,6 +442,19 @@ def _without_ground(scene: Scene) -> list[str]:
     ]
 
 
+def _biased(film: Film) -> list[str]:
+    """Return a warning if the bias of a gather may be too large, or if it could not be measured."""
+    bias, obstacle = film.bias(), film.metadata.statistics.get(BIAS_OBSTACLE)
+    if bias is None:
+        text = obstacle
+    elif bias.is_small():
+        text = None
+    else:
+        found = "is" if bias.is_large() else "may be too large: it is"
+        text = f"the bias of the gather {found} {bias}. Its radiosity solution may be too coarse for this scene"
+    return [] if text is None else [f'{film.metadata.scene}: {text}; integrator="path" has no bias.']
+
+
 def _cut(film: Film) -> list[str]:
     cut = film.metadata.statistics.get("paths_cut", 0)
     if not cut:
@@ -512,7 +525,7 @@ class _Gathering(Plan):
             assert isinstance(given, RadiositySolution), f"an option that was not checked: {given!r}"
             solution = given
         solution.check_scene(solved)
-        return _Gathering(_interleaved(self.settings, scene), solution, proxies)
+        return replace(self, settings=_interleaved(self.settings, scene), solution=solution, proxies=proxies)
 
     def _solved_in_time(self, scene: Scene, solved: Scene, proxies: Proxies | None, say: Say) -> Plan:
         """Return the prepared plan; a plan of paths if time is too short for a solution and the job allows it.
@@ -527,7 +540,7 @@ class _Gathering(Plan):
             with nullcontext() if self.is_resumed else part_of_time(required=True):
                 solution = _solved(solved, say, refined=refined)
         if solution is not None and not _is_cut_short(solution):
-            return _Gathering(_interleaved(self.settings, scene), solution, proxies)
+            return replace(self, settings=_interleaved(self.settings, scene), solution=solution, proxies=proxies)
         paths = replace(self, solution=solution).without_bias() if can_be_paths else None
         if isinstance(paths, _Paths):
             return paths if solution is not None else paths.unguided()
@@ -540,7 +553,7 @@ class _Gathering(Plan):
             'particles: the gather has their noise as a bias. integrator="path" has none.',
             late=True,
         )
-        return _Gathering(_interleaved(self.settings, scene), solution, proxies)
+        return replace(self, settings=_interleaved(self.settings, scene), solution=solution, proxies=proxies)
 
     def engine(
         self,
@@ -584,7 +597,8 @@ class _Gathering(Plan):
         return made(gather), made(path)
 
     def refined(self, scene: Scene, say: Say) -> Plan | None:
-        if self.settings.refined or self.settings.radiosity is not None or self.proxies is not None:
+        fixed = self.is_resumed or self.settings.refined or self.settings.radiosity is not None
+        if fixed or self.proxies is not None:
             return None
         solution = _solved_in_time(scene, say, refined=True)
         if solution is None or _is_cut_short(solution):
@@ -593,7 +607,7 @@ class _Gathering(Plan):
 
     def without_bias(self) -> Plan | None:
         settings = self.settings
-        if not settings.or_path:
+        if self.is_resumed or not settings.or_path:
             return None
         path = PathSettings(
             seed=settings.seed, aovs=settings.aovs, sampling=settings.sampling, guide=settings.guide
@@ -606,14 +620,15 @@ class _Gathering(Plan):
         resumed = replace(self, is_resumed=film.path_sets > 0)
         refined = replace(resumed, settings=replace(self.settings, refined=True))
         if REJECTED_GATHER in film.metadata.statistics:
-            return (refined.without_bias() or refined).resumed(film)
+            paths = replace(self, settings=refined.settings).without_bias()
+            return refined if paths is None else paths.resumed(film)
         if film.metadata.integrator == PathSettings.integrator:
             paths = self.without_bias()
             return resumed if paths is None else paths.resumed(film)
         return refined if film.metadata.settings.get("refined") else resumed
 
     def remarks(self, film: Film) -> list[str]:
-        return _crowding(film)
+        return _biased(film) + _crowding(film)
 
     def solution_error(self) -> float | None:
         if self.settings.radiosity is not None or self.solution is None:

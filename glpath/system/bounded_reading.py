@@ -7,8 +7,9 @@
 A damaged or malicious file can be small and still keep a parser busy for hours, or make it fill the memory. While
 the outermost `reading_file` of a thread is active, a second thread samples the processor time of the reading thread
 and the memory of the process. If one is above its limit, the second thread raises an exception in the reading
-thread, as CPython allows between two bytecodes, and `reading_file` turns it into a SceneError. If the
-user gave a time limit, it ends reading in the same manner, and processor time has no limit.
+thread, as CPython allows between two bytecodes, and `reading_file` turns it into a GlpathError. If the
+user gave a time limit, it ends reading in the same manner, and processor time has no limit. With the environment
+variable GLPATH_TRUST_FILES=1, there are no limits but that.
 
 Poor at:  single calls of a library that do not return, because nothing can end them; growth of memory by other
           threads, which counts for the reading thread.
@@ -27,18 +28,22 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 
-from glpath.errors import GlpathError, SceneError
-from glpath.system.time_limit import has_limit, named_work, overdue, without_limit_if_resumed
+from glpath.errors import GlpathError, ImageError, SceneError
+from glpath.system.time_limit import has_limit, named_work, overdue, without_limit, without_limit_if_resumed
 
 #: Processor time for reading: seconds, and seconds per byte of the files.
 SECONDS = 5.0
 _SECONDS_PER_BYTE = 1e-6
+# The same for each byte of unfolded data, such as the pixels of a JPEG, which unfolds at 100 MB/s.
+_SECONDS_PER_UNFOLDED_BYTE = 3e-8
 #: Growth of memory during reading: bytes, and bytes per byte of the files.
 MEMORY = 2**30
 _MEMORY_PER_BYTE = 128
 # Time between two samples, and between two exceptions if the first had no effect, seconds.
 _SAMPLE_S = 0.05
 _AGAIN_S = 1.0
+_TRUST = "GLPATH_TRUST_FILES"
+_IF_RIGHT = f"If it is right, set {_TRUST}=1, which lifts such limits."
 _PAGE = os.sysconf("SC_PAGESIZE") if hasattr(os, "sysconf") else 4096
 
 
@@ -49,28 +54,32 @@ class _Interrupted(BaseException):
 class _Bounds:
     """Limits of the reading thread, and the thread that enforces them.
 
-    name      : file name for the error
-    processor : limit of processor time in seconds; infinity: none
+    name      : file name for the error, whose class is `error_class`
+    processor : limit of the thread's processor time in seconds; infinity: none
     memory    : limit of the process's memory in bytes
     bytes     : size of the files that were opened
     error     : error with which reading ended; None before
     """
 
-    def __init__(self, name: str, *, own_data: bool) -> None:
+    def __init__(self, name: str, error_class: type[GlpathError], *, timed: bool, trusted: bool) -> None:
         self.name = name
         self.bytes = 0
+        self._error_class = error_class
         self.error: GlpathError | None = None
         self._files: set[tuple[int, int]] = set()
         self._thread = threading.get_ident()
         self._overdue = overdue(f"reading {name}")
         self._clock = _clock_of_this_thread()
-        self.processor = math.inf if own_data or has_limit() else self._processor_time() + SECONDS
-        self.memory = math.inf if own_data else _memory() + MEMORY
+        self.processor = math.inf if trusted or timed else self._processor_time() + SECONDS
+        self.memory = math.inf if trusted else _memory() + MEMORY
         self._paused = 0
         self._ended = False
         self._wake = threading.Lock()
         self._wake.acquire()
         self._watch = threading.Thread(target=self._sample, name="glpath reading", daemon=True)
+
+    def begin(self) -> None:
+        """Begin the samples."""
         self._watch.start()
 
     def _processor_time(self) -> float:
@@ -106,7 +115,8 @@ class _Bounds:
         self._ended = True
         with suppress(RuntimeError):  # released by the interrupted call
             self._wake.release()
-        self._watch.join()
+        if self._watch.is_alive():  # False if an interrupt came before it started
+            self._watch.join()
         _raise_in(self._thread, None)
 
     def _sample(self) -> None:
@@ -124,16 +134,16 @@ class _Bounds:
             return error
         size = f"{self.bytes:,} bytes"
         if self._processor_time() > self.processor:
-            return SceneError(
+            return self._error_class(
                 f"{self.name}: reading {size} takes more than {SECONDS + _SECONDS_PER_BYTE * self.bytes:.3g} s of "
-                "processor time, as only damaged files do.",
-                "Check the file in another program. If it is right, give a time limit, which applies instead.",
+                "processor time, far more than files of this size need.",
+                f"Check the file in another program. {_IF_RIGHT} A time limit replaces this one, too.",
             )
         if _memory() > self.memory:
-            return SceneError(
-                f"{self.name}: reading {size} takes more than "
-                f"{(MEMORY + _MEMORY_PER_BYTE * self.bytes) / 1e9:.3g} GB of memory, as only damaged files do.",
-                "If the file is right, divide it into several scenes or make its pictures smaller.",
+            return self._error_class(
+                f"{self.name}: memory grew by more than {(MEMORY + _MEMORY_PER_BYTE * self.bytes) / 1e9:.3g} GB "
+                f"while {size} were read, far more than files of this size need.",
+                f"Check the file in another program. {_IF_RIGHT} Memory that other threads take counts, too.",
             )
         return None
 
@@ -152,33 +162,60 @@ def reading_file(name: str, *, own_data: bool = False) -> Iterator[None]:
     Raises SceneError if reading takes too much processor time or memory for the size of the files, and
     TimeLimitError.
     """
-    with named_work(f"reading {name}"):
-        if _bounds.get() is not None:
-            yield
-            return
-        before = contextvars.copy_context()
-        bounds = _Bounds(name, own_data=own_data)
-        _bounds.set(bounds)
-        try:
-            try:
-                yield
-            finally:
-                bounds.end()
-        except (Exception, _Interrupted):  # parsers may turn any exception into one of their own
-            bounds.end()  # the exception may have come within the call above
-            if bounds.error is None:
-                raise
-            _restore(before)
-            raise bounds.error from None
-        finally:
-            _bounds.set(None)
+    with named_work(f"reading {name}"), _bounded(name, SceneError, timed=has_limit(), own_data=own_data):
+        yield
 
 
 @contextmanager
 def reading_scene(name: str, *, own_data: bool = False) -> Iterator[None]:
     """Context for loading a scene as `reading_file`, without a time limit if the caller has an earlier result."""
-    with without_limit_if_resumed(), reading_file(name, own_data=own_data):
+    timed = has_limit()
+    bounds = _bounded(name, SceneError, timed=timed, own_data=own_data)
+    with without_limit_if_resumed(), named_work(f"reading {name}"), bounds:
         yield
+
+
+@contextmanager
+def reading_result(name: str) -> Iterator[None]:
+    """Context for reading an image, film or solution. As these may be earlier results, no time limit applies.
+
+    Raises ImageError if reading takes too much processor time or memory for the size of the file.
+    """
+    if _bounds.get() is not None:
+        yield
+        return
+    with without_limit(), _bounded(name, ImageError, timed=False):
+        yield
+
+
+@contextmanager
+def _bounded(name: str, error_class: type[GlpathError], *, timed: bool, own_data: bool = False) -> Iterator[None]:
+    """Context with bounds, unless it is inside another one.
+
+    timed : True if the user gave a time limit, which replaces the limit of processor time
+    """
+    if _bounds.get() is not None:
+        yield
+        return
+    before = contextvars.copy_context()
+    trusted = own_data or os.environ.get(_TRUST, "") == "1"
+    bounds = _Bounds(name, error_class, timed=timed, trusted=trusted)
+    _bounds.set(bounds)
+    try:
+        try:
+            bounds.begin()
+            yield
+        finally:
+            bounds.end()
+    except BaseException as error:
+        bounds.end()  # an exception may have come within the call above
+        # Parsers may turn any exception into one of their own.
+        if bounds.error is None or not isinstance(error, Exception | _Interrupted):
+            raise
+        _restore(before)
+        raise bounds.error from None
+    finally:
+        _bounds.set(None)
 
 
 @contextmanager
@@ -205,10 +242,11 @@ def count_bytes(size: int) -> None:
         bounds.add_bytes(size)
 
 
-def allow_memory(size: int) -> None:
-    """Raise the limit of memory by bytes whose number another check has allowed, such as those of a picture."""
+def allow_unfolded(size: int) -> None:
+    """Raise the limits by unfolded data whose size in bytes another check has allowed, such as a picture."""
     if (bounds := _bounds.get()) is not None:
         bounds.memory += size
+        bounds.processor += _SECONDS_PER_UNFOLDED_BYTE * size
 
 
 def _restore(before: contextvars.Context) -> None:

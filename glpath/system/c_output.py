@@ -1,7 +1,7 @@
 """Filter for the output of C libraries to standard output and standard error.
 
 OpenEXR prints lines before it raises. They would appear before glpath's error message, or inside an image that is
-written to standard output.
+written to standard output. The filter applies to the whole process, so only commands use it.
 """
 
 from __future__ import annotations

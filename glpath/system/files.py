@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from glpath.errors import GlpathError, ImageError
-from glpath.system.bounded_reading import count_bytes, count_file
+from glpath.system.bounded_reading import count_bytes, count_file, reading_result
 from glpath.system.machine import posix_module
 from glpath.system.time_limit import check_time
 
@@ -617,7 +617,8 @@ def _unwritable_kind(path: str | Path) -> str | None:
 def reading(path: str | Path, what: str, remedy: str = "") -> Iterator[None]:
     """Context that turns all errors of parsers into ImageError: the file cannot be read as `what`."""
     try:
-        yield
+        with reading_result(str(path)):
+            yield
     except GlpathError:
         raise
     except FileNotFoundError as error:

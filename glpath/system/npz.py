@@ -23,7 +23,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from glpath.errors import ImageError
-from glpath.system.bounded_reading import allow_memory
+from glpath.system.bounded_reading import allow_unfolded
 from glpath.system.files import MAX_TEXT_BYTES, open_file, reading
 
 # Upper bound of the header size of an array of numbers, bytes.
@@ -167,7 +167,7 @@ def check_unfolded(unfolded: int, stored: int, decoded: int = 0) -> None:
         raise ValueError(
             f"{stored} bytes in it unfold to {memory / 1e9:,.3g} GB; no more than {ratio} times is read"
         )
-    allow_memory(unfolded + decoded)
+    allow_unfolded(unfolded + decoded)
 
 
 @dataclass
@@ -195,7 +195,7 @@ class UnfoldedPictures:
                 f"{_PICTURES_RATIO} times is read, so make large plain pictures smaller"
             )
         self.unfolded, self.stored, self.decoded = sums
-        allow_memory(unfolded + decoded)
+        allow_unfolded(unfolded + decoded)
 
     def add_derived(self, size: int) -> None:
         """Count an image before it is computed from pictures. Raises ValueError if their sum becomes too large."""
@@ -207,7 +207,7 @@ class UnfoldedPictures:
                 f"{allowed / 1e9:,.3g} GB are allowed, so make large plain pictures smaller"
             )
         self.derived = derived
-        allow_memory(size)
+        allow_unfolded(size)
 
 
 def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype[Any], int]:

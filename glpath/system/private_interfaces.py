@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import os
 import sys
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from glpath.errors import GlpathError
+from glpath.errors import GlpathError, warning_filter
 
 
 @dataclass(frozen=True)
@@ -78,8 +77,7 @@ def import_numba() -> Any:
     # Numba reads the file only if it can import this module.
     sys.modules["yaml"] = None  # type: ignore[assignment]
     try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "A Numba config file is found")
+        with warning_filter("ignore", UserWarning):  # about the settings file
             package = _module("numba", "numba")
     finally:
         del sys.modules["yaml"]

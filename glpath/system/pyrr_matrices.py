@@ -6,11 +6,10 @@ user would see it at the first command, and it fails test suites in which warnin
 
 from __future__ import annotations
 
-import warnings
+from glpath.errors import warning_filter
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore", SyntaxWarning)
-    warnings.simplefilter("ignore", DeprecationWarning)  # category of the same warning in Python 3.11
+# The category is DeprecationWarning in Python 3.11, and SyntaxWarning in later versions.
+with warning_filter("ignore", SyntaxWarning), warning_filter("ignore", DeprecationWarning):
     from pyrr import matrix33, matrix44
 
 __all__ = ["matrix33", "matrix44"]

@@ -7,7 +7,6 @@ import math
 import os
 import re
 import struct
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
@@ -17,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import GlpathError, SceneError, warn
+from glpath.errors import GlpathError, SceneError, warn, warning_filter
 from glpath.scene.geometry import LARGEST
 from glpath.system.arguments import checked
 from glpath.system.bounded_reading import reading_file
@@ -345,9 +344,7 @@ def _opened_tiff(path: Path, rasterio: Any) -> Iterator[Any]:
     check_file(path)
     try:
         with rasterio.Env(GDAL_PAM_ENABLED="NO", GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR"):
-            with warnings.catch_warnings():
-                # Hide the warning about a missing georeference, which `_geotiff` reports as an error.
-                warnings.simplefilter("ignore")
+            with warning_filter("ignore"):  # about a missing georeference, which `_geotiff` reports as an error
                 opened = rasterio.open(absolute_path(path), driver="GTiff")
             with opened as raster:
                 if raster.dtypes[0].startswith("complex"):
@@ -369,8 +366,7 @@ def _check_directories(path: Path, rasterio: Any) -> None:
     """Raise ValueError if a block of another image in a TIFF, such as its mask, takes too much memory."""
     for number in range(1, _MAX_DIRECTORIES):
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with warning_filter("ignore"):
                 opened = rasterio.open(f"GTIFF_DIR:{number}:{absolute_path(path)}", driver="GTiff")
         except rasterio.errors.RasterioIOError:
             return  # there is no further image

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import io
 import re
-import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import ImageError, UsageError, warn
+from glpath.errors import ImageError, UsageError, warn, warning_filter
 from glpath.system.files import reason_of, whole_file, write_bytes
 from glpath.terrain.height_field import HeightField
 from glpath.terrain.reading import package_for
@@ -87,10 +86,9 @@ def _save_geotiff(path: Path, field: HeightField, values: NDArray[Any]) -> None:
         try:
             with rasterio.open(part, "w", **made) as raster:
                 raster.write(values.astype(np.float32), 1)
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-                with rasterio.open(part) as raster:
-                    is_whole = not field.crs or raster.crs == rasterio.crs.CRS.from_user_input(field.crs)
+            not_georeferenced = rasterio.errors.NotGeoreferencedWarning
+            with warning_filter("ignore", not_georeferenced), rasterio.open(part) as raster:
+                is_whole = not field.crs or raster.crs == rasterio.crs.CRS.from_user_input(field.crs)
         except (rasterio.errors.RasterioError, ValueError) as error:  # CRSError is a ValueError
             raise ImageError(f"{path}: cannot be written: {reason_of(error)}.") from error
     if not is_whole:

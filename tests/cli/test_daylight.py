@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,34 @@ from typer.testing import CliRunner, Result
 import glpath
 from glpath.cli.daylight_shown import OF_YEARS
 from glpath.cli.main import app
+from glpath.daylight.coefficients import DaylightCoefficients
 from tests.io.test_vtk import arrays
 from tests.support.weather_files import write_epw
 
 # Few elements are enough here.
 pytestmark = pytest.mark.filterwarnings("ignore:.*bias of the reflected light")
+
+
+@pytest.fixture(scope="module")
+def coefficients() -> DaylightCoefficients:
+    """Coefficients of the points of `sensors`, with the sun positions of the weather that tests write."""
+    at = [[0.0, 0, 0], [0.3, 0.1, 0.2]]
+    return glpath.daylight_coefficients(
+        "cornell-box", at, [0.0, 1, 0], samples=2, suns=30, max_depth=1, latitude=47.5
+    )
+
+
+@pytest.fixture
+def computations(monkeypatch: pytest.MonkeyPatch, coefficients: DaylightCoefficients) -> list[DaylightCoefficients]:
+    """Replace the computation by a result, and return the list of results that the command has got."""
+    results: list[DaylightCoefficients] = []
+
+    def compute(*_: object, **options: object) -> DaylightCoefficients:
+        results.append(replace(coefficients))
+        return results[-1]
+
+    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", compute)
+    return results
 
 
 @pytest.fixture
@@ -128,6 +152,91 @@ def test_wrong_usage_of_a_year_is_refused_before_anything_is_computed(tmp_path: 
         assert done.exit_code != 0
         assert text in done.output, done.output
     assert sorted(path.name for path in tmp_path.iterdir()) == ["nowhere.epw", "sensors.csv"]
+
+
+def _until_february(row: int, fields: list[str]) -> list[str] | None:
+    return fields if row < 59 * 24 else None
+
+
+def test_wrong_blinds_and_hours_of_a_year_are_refused_before_anything_is_computed(
+    tmp_path: Path, sensors: Path, computations: list[DaylightCoefficients]
+) -> None:
+    epw = write_epw(tmp_path / "nowhere.epw")
+    part = write_epw(tmp_path / "part.epw", change=_until_february)
+    part.write_text(part.read_text().replace(" 1/ 1,12/31", " 1/ 1, 2/28"))
+    start = ("cornell-box", "-o", tmp_path / "dc.npz", "-o", tmp_path / "year.csv", "--points", sensors)
+    for wrong, text in (
+        (("--weather", epw, "--blinds", tmp_path / "none.toml"), "none.toml"),
+        (("--weather", epw, "--blinds", tmp_path / "none.npz"), "none.npz"),
+        (("--weather", epw, "--occupied", "8.2-8.9"), "lies from 8.2 to 8.9"),
+        (("--weather", part, "--strict"), "has 1,416 of the 8,760 hours of a year"),
+    ):
+        done = run(*start, *wrong)
+        assert done.exit_code != 0
+        assert text in done.output, done.output
+    assert not computations
+
+
+def _interrupt(*_: object, **options: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _lack_memory(*_: object, **options: object) -> None:
+    raise MemoryError
+
+
+@pytest.mark.parametrize("is_output", [True, False], ids=["output", "rescue"])
+@pytest.mark.parametrize("fault", ["interrupt", "memory", "other sensors"])
+def test_computed_coefficients_survive_a_failure_of_the_year(
+    fault: str,
+    is_output: bool,
+    tmp_path: Path,
+    sensors: Path,
+    coefficients: DaylightCoefficients,
+    computations: list[DaylightCoefficients],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    others = tmp_path / "others.npz"
+    glpath.daylight_coefficients("cornell-box", [[0.0, 0, 0]], [0.0, 1, 0], samples=2, max_depth=1).save(others)
+    if fault == "interrupt":
+        monkeypatch.setattr("glpath.daylight.year.metrics.blinds_closed", _interrupt)
+    elif fault == "memory":
+        monkeypatch.setattr("glpath.daylight.year._count", _lack_memory)
+    blinds = others if fault == "other sensors" else "cornell-box"
+    outputs = ["-o", tmp_path / "year.csv", *(["-o", tmp_path / "dc.npz"] if is_output else [])]
+    epw = write_epw(tmp_path / "nowhere.epw")
+    done = run("cornell-box", *outputs, "--points", sensors, "--weather", epw, "--blinds", blinds)
+    assert done.exit_code == (130 if fault == "interrupt" else 2 if fault == "other sensors" else 1), done.output
+    kept = [tmp_path / "dc.npz"] if is_output else [*tmp_path.glob("glpath-*/year.npz")]
+    kept += [*tmp_path.glob("glpath-*/*.blinds.npz")]
+    assert len(kept) == len(computations)
+    for path in kept:
+        assert np.array_equal(glpath.DaylightCoefficients.load(path).words, coefficients.words)
+        assert str(path) in done.output
+    assert not (tmp_path / "year.csv").exists()
+
+
+def test_an_interrupt_while_blinds_are_computed_writes_the_coefficients(
+    tmp_path: Path,
+    sensors: Path,
+    coefficients: DaylightCoefficients,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    results = iter([coefficients])
+
+    def compute(*_: object, **options: object) -> DaylightCoefficients:
+        for result in results:
+            return result
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", compute)
+    out, epw = tmp_path / "dc.npz", write_epw(tmp_path / "nowhere.epw")
+    done = run("cornell-box", "-o", out, "--points", sensors, "--weather", epw, "--blinds", "cornell-box")
+    assert done.exit_code == 130, done.output
+    assert "nothing is kept of the closed blinds" in done.output
+    assert f"The coefficients are kept in {out}." in done.output
+    assert np.array_equal(glpath.DaylightCoefficients.load(out).words, coefficients.words)
 
 
 def test_texels_are_sensors_and_show_the_year(tmp_path: Path) -> None:

@@ -5,11 +5,16 @@ from __future__ import annotations
 import json
 import threading
 import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext, suppress
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import PIL.Image
 import pytest
 import typer.main
 
@@ -17,11 +22,23 @@ import glpath
 from glpath.cli.commands import COMMANDS
 from glpath.cli.main import app
 from glpath.cli.point_model import save_glb
-from glpath.errors import SceneWarning, StrictError, current_warnings, warn, warning_scope
+from glpath.errors import (
+    SceneError,
+    SceneWarning,
+    StrictError,
+    current_warnings,
+    warn,
+    warning_filter,
+    warning_scope,
+)
 from glpath.film.film import Film
 from glpath.integrators.by_name import PathSettings
+from glpath.io.pictures import Pictures
+from glpath.io.sun_position import sun_positions
+from glpath.io.text import parse_numbers
 from glpath.jobs import worker
 from glpath.rendering import RenderJob
+from glpath.rendering.choice import _solvable
 from glpath.rendering.factory import plan_of
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.session import Session, remarks_of
@@ -236,6 +253,8 @@ def test_warnings_of_a_worker_reach_the_process_that_asks(
         options.on_step(film)  # type: ignore[misc]
         warn("odd on the worker")
         warn("odd on the worker")
+        with ThreadPoolExecutor(1) as client:  # a client in the process of its worker
+            client.submit(warn, "odd on the client").result()
         return film
 
     options = RunOptions(strict=True).for_workers()
@@ -243,7 +262,9 @@ def test_warnings_of_a_worker_reach_the_process_that_asks(
     monkeypatch.setattr(worker, "Session", lambda *_, **__: SimpleNamespace(render=render, close=lambda: None))
     worker.hold(worker.Shared("token", job, None, None, options, worker.this_version()))  # type: ignore[arg-type]
     try:
-        assert worker.render_part("token", (0, 8)).warnings == ("odd on the worker",)
+        with pytest.warns(SceneWarning, match="odd on the client"):
+            part = worker.render_part("token", (0, 8))
+        assert part.warnings == ("odd on the worker",)
     finally:
         worker.let_go("token")
 
@@ -256,6 +277,100 @@ def test_warning_that_a_filter_ignores_is_no_error() -> None:
         with pytest.raises(StrictError):
             warn("another")
     assert scope.late == []
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"message": "expec"},
+        {"message": "another"},
+        {"category": SceneWarning},
+        {"category": DeprecationWarning},
+        {"module": __name__},
+        {"module": "another"},
+        {"category": SceneWarning, "lineno": 1},
+    ],
+    ids=str,
+)
+def test_strict_ignores_warnings_by_the_rules_of_python(entry: dict[str, Any]) -> None:
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")
+        warnings.filterwarnings("ignore", **entry)
+        warn("expected")
+        with warning_scope(strict=True), nullcontext() if not shown else pytest.raises(StrictError):
+            warn("expected")
+
+
+@pytest.mark.parametrize("category", [Warning, UserWarning])
+def test_strict_raises_although_a_filter_ignores_all_warnings(category: type[Warning]) -> None:
+    with warnings.catch_warnings(), warning_scope(strict=True):
+        warnings.simplefilter("ignore", category)
+        with pytest.raises(StrictError):
+            warn("no light")
+
+
+def test_warning_filters_of_two_threads_end_in_any_order() -> None:
+    before = list(warnings.filters)
+    with ThreadPoolExecutor(1) as first, ThreadPoolExecutor(1) as second:
+        contexts = [warning_filter("ignore"), warning_filter("error")]
+        for thread, context in zip((first, second), contexts, strict=True):
+            thread.submit(context.__enter__).result()
+        first.submit(warnings.warn, "ignored", stacklevel=1).result()
+        with pytest.warns(UserWarning, match="third"):
+            warnings.warn("of a third thread", stacklevel=1)
+        for thread, context in zip((first, second), contexts, strict=True):
+            thread.submit(context.__exit__, None, None, None).result()
+    assert list(warnings.filters) == before
+
+
+def test_warning_filter_ends_although_another_thread_restores_it() -> None:
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")
+        others = warnings.catch_warnings()
+        with warning_filter("ignore"):
+            others.__enter__()
+        others.__exit__()
+        warnings.warn("shown", stacklevel=1)
+    assert len(shown) == 1
+
+
+class _Warning(SceneWarning, DeprecationWarning, PIL.Image.DecompressionBombWarning):
+    """Warning of all categories that a reader hides or raises."""
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "numpy.fromstring": lambda _: parse_numbers("1 2"),
+    "glpath.io.pictures.pixels_of": lambda picture: Pictures(picture.parent).read(picture.name),
+    "imageio.v3.imread": glpath.read_image,
+    "rasterio.open": lambda picture: glpath.load_height_field(picture.with_suffix(".tif")),
+    "pvlib.solarposition.get_solarposition": lambda _: sun_positions(np.array(["2020-06-21T12"], "M8[s]"), 0, 0),
+    "glpath.rendering.choice.path_traceable": lambda _: _solvable(glpath.load_scene("cornell-box-36")),
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_readers_leave_warnings_of_other_threads_alone(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While a reader runs its library, another thread gives a warning."""
+    pytest.importorskip(name.partition(".")[0])
+    PIL.Image.new("RGB", (1, 1)).save(tmp_path / "a.png")
+    PIL.Image.new("F", (1, 1)).save(tmp_path / "a.tif")
+    module, _, function = name.rpartition(".")
+    original, calls = getattr(import_module(module), function), []
+
+    def run_beside_a_warning(*arguments: Any, **options: Any) -> Any:
+        with ThreadPoolExecutor(1) as other:
+            calls.append(other.submit(warnings.warn, "of another thread", _Warning).exception())
+        return original(*arguments, **options)
+
+    monkeypatch.setattr(name, run_beside_a_warning)
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("always")
+        with suppress(SceneError):  # the height field has no georeference
+            READERS[name](tmp_path / "a.png")
+    assert calls
+    assert calls == [None] * [each.category for each in shown].count(_Warning)
 
 
 def test_strict_call_leaves_other_threads_alone() -> None:

@@ -27,7 +27,7 @@ from glpath.compare.reading import check_sizes
 from glpath.errors import ImageError
 from glpath.film.image import decode_srgb, read_image, write_exr
 from tests.conftest import MakeFilm
-from tests.io.test_pictures import webp_of
+from tests.io.test_pictures import tiled_tiff, webp_of
 
 rng = np.random.default_rng(0)
 RGB = rng.integers(0, 256, (6, 5, 3), dtype=np.uint8)
@@ -233,6 +233,13 @@ def test_a_tiff_of_very_many_pages_is_refused_quickly(tmp_path: Path) -> None:
     assert time.process_time() - start < 1
     Image.new("L", (1, 1)).save(tmp_path / "b.tif")
     assert read_picture(tmp_path / "b.tif").mean.shape == (1, 1, 3)
+
+
+def test_a_tiff_with_tiles_larger_than_its_picture_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    path.write_bytes(tiled_tiff(16, 16384))
+    with pytest.raises(ImageError, match=r"its tiles of 16,384 x 16,384 pixels are larger than the picture of 256"):
+        read_picture(path)
 
 
 def test_the_size_of_a_webp_picture_is_checked_before_pillow_opens_it(

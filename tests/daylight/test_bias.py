@@ -93,6 +93,16 @@ def test_the_bias_is_the_difference_to_paths_and_a_large_one_warns() -> None:
     assert coarse.indirect.bias.mean == pytest.approx(off, abs=0.06)
 
 
+def test_a_filter_that_raises_the_warning_about_a_bias_leaves_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glpath.daylight.bias.Bias.is_large", lambda *_: True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(glpath.SceneWarning, match="bias of the reflected light") as caught:
+            daylight_coefficients(scene_of(GROUND), [[0, 1, 0]], [0, 1, 0], samples=2, elements=2, gather_rays=16)
+    assert len(caught.value.result) == 1
+    assert caught.value.result.indirect is not None
+
+
 def test_by_default_elements_are_refined_if_their_bias_is_too_large(monkeypatch: pytest.MonkeyPatch) -> None:
     points, normal = sensors()
     bright = shaded_room()

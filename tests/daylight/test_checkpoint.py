@@ -328,10 +328,11 @@ def test_failed_checkpoint_of_the_first_scene_does_not_hide_that_of_the_second(
     options = ("-o", tmp_path / "y.npz", "--points", sensors, "--weather", "a.epw", "--blinds", "cornell-box-36")
     done = run("daylight", "cornell-box-36", *options, "--resume")
     assert done.exit_code == 1, done.stderr
-    kept, resume, error = done.stderr.splitlines()[-3:]
+    kept, resume, error, output = done.stderr.splitlines()[-4:]
     assert kept == f"glpath: interrupted: what could be written is in {tmp_path / 'y.blinds.npz.part'}"
     assert resume.startswith("  to resume: glpath daylight ")
     assert error == "glpath: error: F: cannot be written: the disk is full."
+    assert output == f"  The coefficients are kept in {tmp_path / 'y.npz'}."
 
 
 @pytest.mark.parametrize("words", [1, 2])

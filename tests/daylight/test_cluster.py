@@ -135,10 +135,7 @@ def played(outcomes: dict[int, list[Any]], resume: Path | None = None) -> Daylig
     scene: Any = None
     return by_workers.computed_by(
         Played(outcomes),  # type: ignore[arg-type]
-        scene,
-        AT,
-        np.broadcast_to(UP, AT.shape),
-        {},
+        DaylightWork(scene, AT, np.broadcast_to(UP, AT.shape), {}, daylight_coefficients),
         "work",
         None if resume is None else DaylightCheckpoint(resume),
         lambda done, count: None,
@@ -174,15 +171,14 @@ def test_shard_warning_that_a_filter_raises_leaves_the_coefficients(monkeypatch:
     assert caught.value.result == "coefficients"
 
 
-def test_a_worker_collects_the_warnings_of_its_shard(monkeypatch: pytest.MonkeyPatch) -> None:
-    def compute(*_: Any, **__: Any) -> str:
+def test_a_worker_collects_the_warnings_of_its_shard() -> None:
+    def compute(*_: Any, **__: Any) -> Any:
         warn("odd in a shard")
         warnings.warn("of a library", RuntimeWarning, stacklevel=1)
         return "coefficients"
 
-    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", compute)
     scene: Any = None
-    worker.hold(DaylightWork("token", scene, AT, np.broadcast_to(UP, AT.shape), {}, worker.this_version()))
+    worker.hold(DaylightWork(scene, AT, np.broadcast_to(UP, AT.shape), {}, compute, "token"))
     try:
         with pytest.warns(RuntimeWarning, match="of a library"):
             assert by_workers.compute_shard("token", (1, 2)) == ("coefficients", ["odd in a shard"])

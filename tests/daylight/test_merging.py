@@ -96,6 +96,9 @@ def test_what_is_not_of_one_computation_is_refused(tmp_path: Path) -> None:
     (tmp_path / "torn.npz").write_bytes(parts[0].read_bytes()[:99])
     with pytest.raises(ImageError, match=r"torn\.npz"):
         merge_coefficients([parts[0], tmp_path / "torn.npz"])
+    (tmp_path / "loop.npz").symlink_to("loop.npz")
+    with pytest.raises(ImageError, match=r"loop\.npz: cannot be read .*symbolic links"):
+        merge_coefficients([parts[0], tmp_path / "loop.npz"])
     with pytest.raises(UsageError, match="no shard is named"):
         merge_coefficients([])
 

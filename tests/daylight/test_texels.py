@@ -34,6 +34,9 @@ BLOCK: dict[str, Any] = {
 }
 
 
+CORNERS = np.array([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]])
+
+
 def edges(found: Texels) -> np.ndarray[Any, Any]:
     return np.asarray(np.linalg.norm(np.roll(found.corners, -1, axis=1) - found.corners, axis=2))
 
@@ -183,6 +186,22 @@ def test_no_parts_cannot_be_joined() -> None:
         Texels.joined([])
 
 
+@pytest.mark.parametrize("rows", [slice("a", None), slice(None, None, 0), "a", (slice(None), 9)])
+def test_rows_of_texels_that_are_no_slice_are_refused(rows: Any) -> None:
+    one = Texels(CORNERS, np.zeros(1, np.int32), ("a",))
+    with pytest.raises(UsageError, match=r"texels: \[.*\] where a slice of whole numbers is needed"):
+        one[rows]
+
+
+def test_file_of_texels_without_an_area_is_refused(tmp_path: Path) -> None:
+    found = glpath.daylight_coefficients(BLOCK, [[0, 0, 9.0]], [0, 0, 1.0], samples=1, max_depth=1)
+    replace(found, texels=Texels(CORNERS, np.zeros(1, np.int32), ("a",))).save(tmp_path / "whole.npz")
+    with np.load(tmp_path / "whole.npz") as stored:
+        np.savez(tmp_path / "flat.npz", **{**stored, "texel_corners": np.ones((1, 4, 3))})
+    with pytest.raises(ImageError, match=r"flat\.npz: cannot be read .* corners\[0\]: a texel without an area"):
+        glpath.DaylightCoefficients.load(tmp_path / "flat.npz")
+
+
 @pytest.mark.parametrize("up", [(0, 0), (0, 0, 0), (np.nan, 0, 0), "x"])
 def test_up_that_is_no_direction_is_refused(up: Any, tmp_path: Path) -> None:
     found = texels("cornell-box-36", 1.0)
@@ -197,9 +216,6 @@ def test_name_that_utf_8_cannot_encode_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-CORNERS = np.array([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]])
-
-
 @pytest.mark.parametrize(
     ("values", "words"),
     [
@@ -208,6 +224,8 @@ CORNERS = np.array([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]])
         ({"corners": CORNERS * np.nan}, r"corners\[0, 0, 0\]: nan where finite numbers"),
         ({"corners": CORNERS * 1e40}, r"corners\[0, 1, 0\]: 1e\+40"),
         ({"corners": CORNERS.astype("m8[s]")}, "corners: "),
+        ({"corners": np.ones((1, 4, 3))}, r"corners\[0\]: a texel without an area"),
+        ({"corners": CORNERS[:, [0, 1, 1, 1]]}, r"corners\[0\]: a texel without an area"),
         ({"shape": [0, 0]}, r"shape: of shape \(2,\) where \(1,\)"),
         ({"shape": [0.5]}, r"shape: \[0.5\] where an array of whole numbers"),
         ({"shape": [-1]}, r"shape\[0\]: -1 where whole numbers from 0 to 0"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +17,10 @@ from glpath.errors import ContextError, ImageError, SceneWarning
 from glpath.film.bias import BIAS_PROBE, BLOCKS, SURE, bias_of, block_means, summed
 from glpath.film.film import Film
 from glpath.film.metadata import merged_values
+from glpath.jobs.cluster import Cluster
 from glpath.radiosity import RadiosityProgress
 from glpath.rendering import factory
+from glpath.rendering.bias import BiasCheck
 from glpath.rendering.factory import solve_for_gather
 from glpath.sensors.sensor import PointSensor
 
@@ -102,6 +105,21 @@ def test_a_solution_that_is_wrong_is_a_bias_and_a_warning() -> None:
     assert bias.blocks > 0.1
 
 
+def test_renders_that_resume_a_film_repeat_the_warning_about_its_bias_once() -> None:
+    """The film has the measurement, so it is not made again."""
+    scene = glpath.load_scene("cornell-box-36")
+    options = {**GATHER, "radiosity": doubled(coarse_solution(scene))}
+    cluster: Any = Cluster.__new__(Cluster)  # a complete film needs no workers
+    film = None
+    for further in ({"spp": 8}, {}, {"cluster": cluster}):
+        with pytest.warns(SceneWarning) as warned:
+            film = glpath.render(scene, film=film, **{**options, **further})
+        assert ["the bias of the gather is +" in str(each.message) for each in warned] == [True]
+    with pytest.warns(SceneWarning), pytest.raises(glpath.StrictError, match="the bias of the gather") as caught:
+        glpath.render(scene, film=film, strict=True, **options)
+    assert caught.value.result is film
+
+
 AUTO = {"spp": 16, "resolution": (128, 96)}
 
 
@@ -124,6 +142,24 @@ def test_auto_takes_path_where_even_a_refined_solution_is_wrong(monkeypatch: pyt
     resumed = glpath.render("cornell-box-36", film=Film.load(tmp_path / "half.npz"), **AUTO)
     assert np.array_equal(resumed.mean, film.mean)
     assert resumed.rejected_bias() == film.rejected_bias()
+    with pytest.raises(glpath.UsageError, match="integrator is path in it, gather is asked for"):
+        glpath.render("cornell-box-36", film=half, **AUTO, integrator="gather")
+
+
+def test_a_bias_measured_after_a_film_was_begun_leaves_it_a_gather(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time limit of the first run may have left no time for the measurement or for another engine."""
+    solve = factory.solve_for_gather
+    monkeypatch.setattr(factory, "solve_for_gather", lambda *given, **options: doubled(solve(*given, **options)))
+    with monkeypatch.context() as without_time:
+        without_time.setattr(BiasCheck, "_measured", lambda *_: None)
+        without_time.setattr(BiasCheck, "_in_time", lambda *_: None)
+        with pytest.warns(SceneWarning, match="left no time to measure the bias"):
+            half, whole = (glpath.render("cornell-box-36", **{**AUTO, "spp": spp}) for spp in (8, 16))
+    with pytest.warns(SceneWarning, match="the bias of the gather is"):
+        film = glpath.render("cornell-box-36", film=half, **AUTO)
+    assert film.metadata.integrator == "gather"
+    assert film.metadata.biased
+    assert np.array_equal(film.mean, whole.mean)
 
 
 def test_auto_refines_a_solution_that_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
@@ -260,6 +296,8 @@ def test_where_there_is_no_room_for_the_probe_the_bias_is_not_known(monkeypatch:
     assert film.path_sets == 16
     assert film.bias() is None
     assert film.metadata.integrator == "gather"
+    with pytest.warns(SceneWarning, match=text):
+        glpath.render("cornell-box-36", **GATHER, film=film)
     # What "auto" cannot measure, it does not take; and a film that was begun so is resumed.
     half = glpath.render("cornell-box-36", **(AUTO | {"spp": 8}))
     assert half.metadata.integrator == "path"

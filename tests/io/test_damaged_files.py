@@ -233,7 +233,7 @@ def test_an_obj_that_numbers_texture_coordinates_it_has_not_is_read_without(tmp_
     ("face", "message"),
     [
         ("f \\\n1/1 \\\n2/9 3/1", "line 8 names texture coordinate 9, but the file has 3"),
-        ("f 1/1 2/2 -5/1", "line 8 names vertex -5, but the file has 4 vertices (1 to 4)"),
+        ("f 1/1 2/2 -5/1", "line 8 names vertex -5, but the file has 4 vertices above it (1 to 4)"),
         ("f 0 -1 -2", "line 8 names vertex 0, but the file has 4 vertices (1 to 4)"),
         ("l 0 1", "line 8 names vertex 0, but the file has 4 vertices (1 to 4)"),
         ("f / -1 -2", 'line 8 has the corner "/", but indices are whole numbers'),
@@ -244,6 +244,13 @@ def test_an_index_that_names_nothing_is_an_error_with_its_line(tmp_path: Path, f
     with pytest.raises(SceneError) as error:
         plate(tmp_path / "plate.obj")
     assert message in str(error.value)
+
+
+@pytest.mark.parametrize("statement", ["f -1 -2 -3", "f -1/ -2/ -3/", "f -1/-1 -2/-2 -3/-3", "l -1 -2"])
+def test_a_negative_index_above_all_vertices_is_an_error_with_its_line(tmp_path: Path, statement: str) -> None:
+    (tmp_path / "plate.obj").write_text(f"{statement}\n{PLAIN}")
+    with pytest.raises(SceneError, match="line 1 names vertex -1, but the file has 0 vertices above it"):
+        plate(tmp_path / "plate.obj")
 
 
 # One number that is not finite takes away its normal, vertex or facet, not the model.

@@ -1206,6 +1206,51 @@ def test_a_mesh_of_trimesh_brings_its_textures_into_a_scene_that_has_some() -> N
     assert slot.texture == len(grown.textures) - 1
 
 
+@pytest.mark.filterwarnings("ignore:.*has no camera")
+def test_damaged_texture_of_trimesh_is_left_out_as_that_of_the_file(tmp_path: Path) -> None:
+    path = square(tmp_path, "newmtl m\nKd 0.8 0.4 0.2\nmap_Kd a.png\n")
+    picture = tmp_path / "a.png"
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)).save(picture)
+    picture.write_bytes(picture.read_bytes()[:4000])
+    mesh = trimesh.load(path)  # Pillow reads the pixels later
+    with (
+        mesh.visual.material.image,
+        pytest.warns(SceneWarning, match="A texture, which cannot be read: OSError: image file is truncated"),
+    ):
+        through = load_scene(mesh)
+    assert through.textures == ()
+    assert same(through.materials[0], quiet(path).materials[0])
+    mesh.visual.material = trimesh.visual.material.PBRMaterial(baseColorTexture=Image.open(picture))
+    with mesh.visual.material.baseColorTexture, pytest.warns(SceneWarning, match="truncated"):
+        assert load_scene("furnace").add(mesh).textures == ()
+
+
+@pytest.mark.filterwarnings("ignore:.*has no camera")
+@pytest.mark.parametrize("size", [(0, 4), (4, 0)])
+def test_texture_of_trimesh_without_pixels_is_left_out(size: tuple[int, int]) -> None:
+    box = trimesh.creation.box()
+    material = trimesh.visual.material.SimpleMaterial(image=Image.new("RGB", size))
+    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(box.vertices), 2)), material=material)
+    with pytest.warns(SceneWarning, match=f"cannot be read: it has {size[0]} x {size[1]} pixels"):
+        assert load_scene(box).textures == ()
+
+
+def test_texture_of_trimesh_that_is_an_array_is_refused() -> None:
+    box = trimesh.creation.box()
+    material = trimesh.visual.material.SimpleMaterial(image=np.zeros((2, 2, 3), np.uint8))
+    box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(box.vertices), 2)), material=material)
+    with pytest.raises(SceneError, match=r'"mesh"\] has a texture of type ndarray, but must have a PIL.Image'):
+        quiet(box)
+
+
+@pytest.mark.parametrize("shape", [(), (8,), (8, 2), (7, 3)])
+def test_vertex_colours_of_trimesh_that_are_no_rows_of_three_or_four_are_left_out(shape: tuple[int, ...]) -> None:
+    box = trimesh.creation.box()
+    box.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.SimpleMaterial())
+    box.visual.vertex_attributes["color"] = np.zeros(shape)
+    assert quiet(box).shapes[0].geometry.colours is None
+
+
 # The command line.
 
 

@@ -285,6 +285,13 @@ def test_a_picture_of_any_pixels_has_its_colours(tmp_path: Path, name: str) -> N
     assert texel.dtype == (np.float32 if name.startswith("float") else np.uint8)
 
 
+def test_lab_tiff_is_opaque(tmp_path: Path) -> None:
+    Image.new("LAB", (1, 1), (128, 128, 128)).save(tmp_path / "a.tif")
+    luminance = ((100 * 128 / 255 + 16) / 116) ** 3  # CIE 1976
+    grey = 255 * (1.055 * luminance ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
+    assert Pictures(tmp_path).read("a.tif")[0, 0].tolist() == pytest.approx([grey] * 3, abs=1)
+
+
 def test_a_float_tiff_is_linear(tmp_path: Path) -> None:
     Image.fromarray(np.full((2, 2), 0.5, np.float32)).save(tmp_path / "float.tif")
     for path in (obj(tmp_path, "float.tif"), mitsuba(tmp_path, "float.tif")):

@@ -31,7 +31,7 @@ from typer.testing import CliRunner
 
 import glpath
 from glpath.cli.main import app
-from glpath.errors import ContextError, GlpathError, SceneWarning, TimeLimitError, UsageError, warning_scope
+from glpath.errors import ContextError, GlpathError, TimeLimitError, UsageError
 from glpath.film.batches import BLOCK
 from glpath.film.film import Film
 from glpath.jobs import cluster as clusters
@@ -523,6 +523,37 @@ def test_hangup_of_a_terminal_does_not_reach_the_tracker_of_processes():
     assert int(blocked, 16) >> (signal.SIGHUP - 1) & 1
 
 
+STARTS = """
+import os
+import sibling
+from glpath.jobs.cluster import Cluster
+if __name__ == "__main__":
+    with Cluster("local:1") as cluster:
+        assert [*cluster.client.run(sibling.double, 21).values()] == [42]
+    assert "PYTHONSAFEPATH" not in os.environ
+"""
+
+
+def test_local_workers_import_modules_of_the_script_but_not_of_the_current_folder(tmp_path):
+    folder, current = tmp_path / "script", tmp_path / "current"
+    folder.mkdir()
+    current.mkdir()
+    (folder / "starts.py").write_text(STARTS)
+    (folder / "sibling.py").write_text("def double(number):\n    return 2 * number\n")
+    (current / "multiprocessing.py").write_text("print('planted')\n")
+    paths = os.pathsep.join(path for path in sys.path if path and Path(path) != current)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    done = subprocess.run(
+        [sys.executable, str(folder / "starts.py")],
+        cwd=current,
+        env=environment | {"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+    )
+    assert "planted" not in done.stdout + done.stderr
+    assert done.returncode == 0, done.stderr
+
+
 def test_signal_waits_until_a_local_cluster_has_started_and_closes_it(monkeypatch):
     calls = []
 
@@ -800,12 +831,13 @@ def test_gather_whose_bias_no_device_can_measure_is_an_error_if_strict(monkeypat
     monkeypatch.setattr(clusters, "sensor_in", MagicMock())
     monkeypatch.setattr(clusters, "metadata_of", MagicMock())
     monkeypatch.setattr(clusters, "describe_plan", MagicMock())
-    clock.film.metadata.statistics = {}
+    film = glpath.render(BOX, spp=1, **SMALL)
+    clock.film, clock.statistics = film, {}
     asked = plan, MagicMock(), scene, MagicMock(), options, clock
-    with warning_scope(strict=True) as scope:
-        assert clusters._with_small_bias(*asked) is plan.without_bias.return_value
-        assert scope.late == []
-        plan.without_bias.return_value = None
-        with pytest.warns(SceneWarning, match="cannot be measured here: no device"):
-            assert clusters._with_small_bias(*asked) is plan
-    assert len(scope.late) == 1
+    assert clusters._with_small_bias(*asked) is plan.without_bias.return_value
+    assert clock.statistics == {}
+    plan.without_bias.return_value = None
+    assert clusters._with_small_bias(*asked) is plan
+    film.metadata = replace(film.metadata, statistics=film.metadata.statistics | clock.statistics)
+    (warned,) = session.remarks_of(plan_of(RenderJob.of(BOX, integrator="gather").integrator), film)
+    assert "cannot be measured here: no device; " in warned

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
+import zipfile
 from contextlib import suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -11,13 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glpath.errors import SceneError, TimeLimitError
+from glpath.errors import ImageError, SceneError, TimeLimitError
 from glpath.io import load_scene
+from glpath.radiosity.view_factors.result import ViewFactors
 from glpath.system import bounded_reading, files
 from glpath.system.bounded_reading import (
-    allow_memory,
+    allow_unfolded,
     count_file,
     reading_file,
+    reading_result,
+    reading_scene,
     without_bounds,
 )
 from glpath.system.time_limit import limited
@@ -81,20 +86,19 @@ def test_a_parser_that_takes_too_much_memory_ends_with_an_error(monkeypatch: pyt
             time.sleep(0.002)
 
     with (
-        pytest.raises(SceneError, match=r"reading 0 bytes takes more than 0\.0168 GB"),
+        pytest.raises(SceneError, match=r"grew by more than 0\.0168 GB while 0 bytes"),
         reading_file("a.ply"),
     ):
         parse()
     assert 8 * 2**18 * len(kept) < 2**28
 
 
-def test_memory_that_another_check_allowed_is_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bounded_reading, "SECONDS", _GIVE_UP_S)
+def test_unfolded_data_that_another_check_allowed_raise_the_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bounded_reading, "MEMORY", 2**24)
     with reading_file("a.png"):
-        allow_memory(2**25)
+        allow_unfolded(2**25)
         pixels = np.ones(2**22)
-        time.sleep(0.1)
+        _work(0.5)
     assert pixels.all()
 
 
@@ -135,6 +139,54 @@ def test_a_time_limit_ends_reading_in_place_of_the_bound() -> None:
             reading_file("a.obj"),
         ):
             _work()
+
+
+def test_a_resumed_run_that_has_a_time_limit_has_no_bound_of_processor_time() -> None:
+    with limited(10.0, resumes=True), reading_scene("a.toml"):
+        _work(0.15)
+
+
+def test_a_trusted_file_has_no_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bounded_reading, "MEMORY", 2**20)
+    monkeypatch.setenv("GLPATH_TRUST_FILES", "1")
+    with reading_file("a.obj"):
+        kept = np.ones(2**20)
+        _work(0.15)
+    assert kept.all()
+
+
+def test_reading_a_result_is_bounded_without_a_time_limit() -> None:
+    message = r"a\.npz: reading 0 bytes takes more"
+    with limited(0.01), pytest.raises(ImageError, match=message), reading_result("a.npz"):
+        _work()
+
+
+def test_an_interrupt_at_the_start_leaves_no_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    start = threading.Thread.start
+
+    def interrupted(thread: threading.Thread) -> None:
+        start(thread)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(threading.Thread, "start", interrupted)
+    with pytest.raises(KeyboardInterrupt), reading_file("a.obj"):
+        pass
+    assert "glpath reading" not in {thread.name for thread in threading.enumerate()}
+    _work(0.1)
+
+
+def test_view_factors_that_unfold_too_far_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in {
+            "glpath_view_factors": np.array(2),
+            "shape": np.array([1, 1]),
+            "data": np.broadcast_to(np.float16(0), 20_000_000),
+        }.items():
+            with archive.open(f"{name}.npy", "w") as file:
+                np.lib.format.write_array(file, array)
+    with pytest.raises(ImageError, match=r"unfold to 0.48 GB; no more than 64 times is read"):
+        ViewFactors.load(path)
 
 
 def test_data_of_the_caller_has_a_time_limit_alone() -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 
 import glpath
@@ -24,6 +25,7 @@ from glpath.film.film import Film
 from glpath.jobs.checkpoint import Checkpoint
 from glpath.rendering import RenderJob
 from glpath.system import files
+from glpath.system.time_limit import command_clock
 from tests.support.gltf_files import Gltf
 from tests.support.repository import ROOT
 from tests.support.time_limit import time_limit
@@ -102,7 +104,9 @@ def test_points_are_no_device() -> None:
     assert "device" in done.stderr
 
 
-def test_openexr_writes_nothing_beside_our_error(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_openexr_writes_nothing_beside_the_error_of_a_command(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     draw = np.random.default_rng(0)
     image.write_exr(tmp_path / "a.exr", draw.random((32, 32, 3)))
     whole = (tmp_path / "a.exr").read_bytes()
@@ -111,9 +115,30 @@ def test_openexr_writes_nothing_beside_our_error(tmp_path: Path, capfd: pytest.C
         broken[start : start + 64] = b"\xff" * 64
         for content in (bytes(broken), whole[:start]):
             (tmp_path / "a.exr").write_bytes(content)
-            with contextlib.suppress(ImageError):  # a broken pixel is read
+            with command_clock(), contextlib.suppress(ImageError):  # a broken pixel is read
                 glpath.read_image(tmp_path / "a.exr")
     assert capfd.readouterr() == ("", "")
+
+
+def test_program_writes_to_its_standard_output_during_exr_files(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lines of other threads, here of OpenEXR itself, stay in their order and streams."""
+    image.write_exr(tmp_path / "a.exr", np.ones((2, 2, 3)))
+    original, stdout = OpenEXR.File, sys.stdout
+
+    def print_and_open(*arguments: Any, **options: Any) -> Any:
+        print("row", file=stdout, flush=True)
+        subprocess.run(["echo", "row of a child process"], check=True)
+        os.write(2, b"error\n")
+        assert sys.stdout is stdout
+        return original(*arguments, **options)
+
+    monkeypatch.setattr(OpenEXR, "File", print_and_open)
+    image.write_exr(tmp_path / "b.exr", np.ones((2, 2, 3)))
+    assert capfd.readouterr() == ("row\nrow of a child process\n", "error\n")
+    glpath.read_image(tmp_path / "a.exr")
+    assert capfd.readouterr()[1] == "error\n" * 2  # of the header and the pixels
 
 
 def test_lines_of_others_are_kept_meanwhile(capfd: pytest.CaptureFixture[str]) -> None:

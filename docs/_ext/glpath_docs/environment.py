@@ -15,6 +15,7 @@ from glpath_docs.markdown import code, table
 GLPATH = {
     "GLPATH_BACKEND": (", ".join(map(code, BACKENDS)), "how OpenGL is opened, where `--backend` does not say it"),
     "GLPATH_DEVICE": ("a number", "a device of `glpath devices`, where `--device` does not say it"),
+    "GLPATH_TRUST_FILES": ("`1`", "reading files has no limits of processor time and memory"),
     "GLPATH_TEXELS": (
         ", ".join(map(code, TEXELS)),
         "how shaders read textures: as graphics cards or as llvmpipe do best",
@@ -39,7 +40,8 @@ OTHERS = {
     "NUMBA_CACHE_LOCATOR_CLASSES": ("names of classes", "numba's choice of that folder"),
     "PYTHONSAFEPATH": (
         "`1`, or empty",
-        "a command sets it to `1` for its processes, so that they import no modules of the current folder",
+        "commands and `Cluster` set it to `1` for their processes, so that they import no modules of the current "
+        "folder",
     ),
     "COLUMNS": ("a number from 1 to 9999", "width of tables and of help; any other value is ignored"),
     "TERMINAL_WIDTH": ("a number from 1 to 9999", "width of help; any other value is ignored"),

@@ -245,11 +245,14 @@ class _Reader:
             )
         return Mesh(vertices, faces) if len(faces) else None
 
-    def _mesh(self, shade: ShadeMesh) -> Mesh:
+    def _mesh(self, shade: ShadeMesh) -> Mesh | None:
+        """Return the triangles of a shade; None if it has no faces. Raises SceneError."""
         geometry: Mesh3D = shade.geometry
+        if not geometry.faces:
+            return None
         vertices = np.array(geometry.vertices, np.float64).reshape(-1, 3)
         self._check(shade.identifier, vertices)
-        last = max((max(face) for face in geometry.faces), default=-1)
+        last = max(max(face) for face in geometry.faces)
         if last >= len(vertices):
             raise self.location.error(
                 f'"{shade.identifier}" names vertex {last}, but has {len(vertices)} (0 to {len(vertices) - 1}).'

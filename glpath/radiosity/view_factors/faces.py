@@ -118,13 +118,9 @@ def faces_of(given: Any, groups: str | ArrayLike = "faces", flip: bool = False) 
         vertices = corners.reshape(-1, 3)
         outlines: list[Any] = np.arange(n * k).reshape(n, k).tolist()
     elif isinstance(given, tuple) and len(given) == 2:
-        source = "faces"
-        vertices, outlines = _array(given[0], "vertices", "(V, 3)"), _outlines(given[1])
-        if vertices.ndim != 2 or vertices.shape[1] != 3:
-            raise UsageError(f"view_factors: vertices of shape {vertices.shape}; allowed is (V, 3).")
+        source, (vertices, outlines) = "faces", _indexed(*given)
     elif hasattr(given, "vertices") and hasattr(given, "faces") and not isinstance(given, Scene):
-        source = "mesh"
-        vertices, outlines = np.asarray(given.vertices, np.float64), np.asarray(given.faces).tolist()
+        source, (vertices, outlines) = "mesh", _indexed(given.vertices, given.faces)
     elif isinstance(given, str | Path) and Path(given).suffix.lower() in FORMATS and not by_shape:
         source = str(given)  # not loaded as a scene, because scenes leave out triangles without area
         file = read_mesh_file(Path(given), SourceLocation(source), colours=False)
@@ -164,8 +160,18 @@ def _array(given: Any, what: str, allowed: str) -> Float64:
     )
 
 
+def _indexed(vertices: Any, faces: Any) -> tuple[Float64, list[list[int]]]:
+    """Return the vertices (V, 3), and the vertex indices of each face. Raises UsageError."""
+    array, outlines = _array(vertices, "vertices", "(V, 3)"), _outlines(faces)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise UsageError(f"view_factors: vertices of shape {array.shape}; allowed is (V, 3).")
+    return array, outlines
+
+
 def _outlines(given: Any) -> list[list[int]]:
     """Return the faces as lists of int. Raises UsageError if vertex indices are not whole numbers."""
+    if isinstance(given, np.ndarray) and given.ndim == 2 and given.dtype.kind in "iu":
+        return [list(face) for face in given.tolist()]
     try:
         outlines = [[(int(v), v) for v in face] for face in given]
     except (TypeError, ValueError, OverflowError):
@@ -238,17 +244,16 @@ def _size(vertices: Float64) -> float:
 def _checked(vertices: Float64, outlines: list[list[int]], source: str) -> Faces:
     if not outlines:
         raise SceneError(f"{source}: there are no faces; view factors are between two at least.")
+    for i, outline in enumerate(outlines):
+        if len(outline) < 3 or min(outline) < 0 or max(outline) >= len(vertices):
+            wrong = [v for v in outline if not 0 <= v < len(vertices)]
+            found = f"names vertex {short_repr(wrong[0])}" if wrong else f"has {len(outline)} corners"
+            raise SceneError(
+                f"{source}: faces[{i}] {found}; a face is three or more of the vertices 0 to {len(vertices) - 1}."
+            )
     lengths = np.fromiter(map(len, outlines), np.int64, len(outlines))
     flat = np.fromiter(chain.from_iterable(outlines), np.int64, int(lengths.sum()))
     ends = np.cumsum(lengths)
-    if lengths.min() < 3 or flat.min() < 0 or flat.max() >= len(vertices):
-        beyond = np.searchsorted(ends, np.flatnonzero((flat < 0) | (flat >= len(vertices))), "right")
-        i = int(min(beyond.min(initial=len(outlines)), np.append(np.flatnonzero(lengths < 3), len(outlines)).min()))
-        wrong = [v for v in outlines[i] if not 0 <= v < len(vertices)]
-        found = f"names vertex {wrong[0]}" if wrong else f"has {lengths[i]} corners"
-        raise SceneError(
-            f"{source}: faces[{i}] {found}; a face is three or more of the vertices 0 to {len(vertices) - 1}."
-        )
     used = np.zeros(len(vertices), np.bool_)
     used[flat] = True
     if (bad := np.flatnonzero(used & ~np.isfinite(vertices).all(axis=1))).size:

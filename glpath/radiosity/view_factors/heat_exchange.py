@@ -91,6 +91,8 @@ class RadiativeExchange:
 
     def __repr__(self) -> str:
         power = self.net_power
+        if not len(power):
+            return "<RadiativeExchange of no faces>"
         return (
             f"<RadiativeExchange of {len(power):,} faces: {self.temperature.min():.1f} to "
             f"{self.temperature.max():.1f} K, {power[power > 0].sum():.4g} W sent>"

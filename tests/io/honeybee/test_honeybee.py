@@ -129,6 +129,15 @@ def test_holes_and_meshes_are_read(tmp_path: Path) -> None:
     assert shape_of(scene, "sail")[2].name == "generic_context_0.20"
 
 
+def test_meshes_without_faces_are_left_out(tmp_path: Path) -> None:
+    model = two_rooms()
+    mesh = {"type": "Mesh3D", "vertices": [[0, 0, 6], [2, 0, 6], [2, 1, 6]], "faces": []}
+    model["shade_meshes"] = [{"type": "ShadeMesh", "identifier": "sail", "geometry": mesh, "properties": {}}]
+    assert "sail" not in {shape.name for shape in loaded(tmp_path, model).shapes}
+    with pytest.raises(SceneError, match="has no faces and no shades, so there is nothing to see"):
+        loaded(tmp_path, {**model, "rooms": [], "orphaned_shades": []})
+
+
 @pytest.mark.parametrize(("pane", "transmitted"), [("exterior", 0.64), ("interior", 0.88)])
 def test_a_pane_lets_through_what_its_name_says(tmp_path: Path, pane: str, transmitted: float) -> None:
     """Honeybee names its panes by their transmittance at normal incidence."""

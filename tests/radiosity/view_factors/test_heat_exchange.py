@@ -214,6 +214,12 @@ def test_rows_of_an_obj_are_in_the_order_of_its_materials(tmp_path: Path) -> Non
     np.testing.assert_array_equal(ViewFactors.load(tmp_path / "f.npz").areas, found.areas)
 
 
+def test_no_rows_exchange_nothing() -> None:
+    found = ViewFactors(sparse.csr_array((0, 0)), np.zeros(0), np.zeros(0)).exchange(0.5, 300.0)
+    assert found.net_power.sum() == 0
+    assert repr(found) == "<RadiativeExchange of no faces>"
+
+
 @pytest.mark.parametrize(
     ("values", "words"),
     [

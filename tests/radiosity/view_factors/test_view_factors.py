@@ -15,6 +15,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -399,6 +400,30 @@ def test_back_faces_see_nothing() -> None:
 def test_wrong_faces_are_explained(faces, message: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(GlpathError, match=message):
         glpath.view_factors(faces)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "message"),
+    [
+        (
+            np.eye(3),
+            np.array([[0, 1, 2**64 - 1]], np.uint64),
+            r"faces\[0\] names vertex 18446744073709551615; a",
+        ),
+        (np.eye(3), [[0, 1, 2], [2**63, 0, 1]], r"faces\[1\] names vertex 9223372036854775808; a face"),
+        (np.eye(3), [[0, 1, 2], [0, 1]], r"faces\[1\] has 2 corners"),
+        (np.eye(3), [3, 0, 1, 2], "faces are no lists of numbers"),
+        (np.eye(3), [[0.9, 1.2, 2]], r"faces\[0\] names vertex 0.9; allowed are whole"),
+        (np.eye(3), None, "faces are no lists of numbers"),
+        (np.zeros((3, 2)), [[0, 1, 2]], r"vertices of shape \(3, 2\)"),
+        (np.zeros(3), [[0, 1, 2]], r"vertices of shape \(3,\)"),
+        ("x", [[0, 1, 2]], "vertices are no array of numbers"),
+    ],
+)
+def test_wrong_faces_of_tuples_and_meshes_are_explained_alike(vertices: Any, faces: Any, message: str) -> None:
+    for given in (vertices, faces), SimpleNamespace(vertices=vertices, faces=faces):
+        with pytest.raises(GlpathError, match=message):
+            glpath.view_factors(given)
 
 
 @pytest.mark.parametrize(
