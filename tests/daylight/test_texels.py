@@ -46,7 +46,7 @@ def test_cells_tile_a_box_and_face_as_it_does(size: float) -> None:
     found = texels(BLOCK, size, shapes="block")
     a, b, c = np.ceil(SIZE / size - 1e-9)
     assert len(found) == 2 * (a * b + b * c + a * c)
-    assert edges(found).max() <= size * (1 + 1e-9) or size > 4
+    assert edges(found).max() <= size * (1 + 1e-9)
     for axis in range(3):
         for end in (0.0, SIZE[axis]):
             there = np.abs(found.points[:, axis] - end) < 1e-12

@@ -35,6 +35,7 @@ def test_an_include_is_taken_once_however_often_it_is_asked_for(folder: Path) ->
     text = '#include "c.glsl"\n#include "b.glsl"\nout vec4 o;\nvoid main() { o = vec4(b() + C); }\n'
     (folder / "a.frag").write_text(text)
     load("a.frag")
+    assert program.Source("a.frag", {}, {}).text.count("const float C") == 1
 
 
 def test_an_error_in_an_included_file_names_that_file_and_its_line(folder: Path) -> None:
