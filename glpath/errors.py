@@ -281,6 +281,8 @@ def warning_filter(action: str, category: type[Warning] = Warning) -> Iterator[N
     pattern = _OneThread()
     entry = action, pattern, category, None, 0
     _filters().insert(0, entry)
+    if action == "error" and (forget := getattr(warnings, "_filters_mutated", None)) is not None:
+        forget()  # because Python asks no filter about a warning that it has shown before
     try:
         yield
     finally:

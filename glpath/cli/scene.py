@@ -88,12 +88,12 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
     surroundings = {name: value for name, value in values.items() if name in SURROUNDINGS}
     if len(values) > len(surroundings):
         raise UsageError("-D: belongs to a generated scene, not to one from standard input.", "Leave it out.")
-    try:
-        content = read_standard_input(MAX_TEXT_BYTES)
-    except OSError as error:
-        remedy = TOO_LARGE if error.errno == errno.EFBIG else _PIPE
-        raise SourceLocation("standard input").error(f"cannot be read: {reason_of(error)}.", remedy) from error
     with reading_scene("standard input"):
+        try:
+            content = read_standard_input(MAX_TEXT_BYTES)
+        except OSError as error:
+            remedy = TOO_LARGE if error.errno == errno.EFBIG else _PIPE
+            raise SourceLocation("standard input").error(f"cannot be read: {reason_of(error)}.", remedy) from error
         read = scene_from_toml(content, SourceLocation("standard input"), Path(), "scene")
     return load_scene(read, surroundings)
 

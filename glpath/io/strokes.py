@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.scene.tessellate import unit_sphere
+from glpath.system.bounded_reading import without_bounds
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -34,7 +35,8 @@ _OCTAHEDRON_FACES = np.array(
 
 def point_radius(points: Float64) -> float:
     """Return half the median nearest-neighbour distance of points (N, 3), within `_MIN_POINT` and `_MAX_POINT`."""
-    from scipy.spatial import cKDTree  # late, because the import is slow
+    with without_bounds():
+        from scipy.spatial import cKDTree  # late, because the import is slow
 
     diagonal = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
     if len(points) < 2 or diagonal == 0.0:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import GlpathError, warning_filter
 from glpath.scene.model import Float64
+from glpath.system.bounded_reading import without_bounds
 
 Times = NDArray[np.datetime64]
 
@@ -43,7 +44,8 @@ def quiet_pvlib() -> Iterator[Any]:
     """
     with warning_filter("ignore"):
         try:
-            import pvlib
+            with without_bounds():
+                import pvlib
         except ImportError:
             raise GlpathError(
                 "The sun of a site and time, and weather files, need the package pvlib, which is not installed.",

@@ -37,8 +37,6 @@ Part = Literal["both", "direct", "indirect"]
 
 #: Format number of the file; it changes with the layout.
 FORMAT = 2
-# Memory in bytes per value of an irradiance while it is read.
-_VALUE = 16
 # Maximum number of parts of a triangle's edge, so that int32 can count its elements.
 _MAX_DIVISIONS = 1 << 15
 #: Index of direct light in the arrays of a solution.
@@ -346,10 +344,12 @@ class RadiositySolution:
             if [type(made_by.get(name)) for name in names] != list(names.values()):
                 raise ValueError(f"what made it is not {', '.join(names)}")
             sizes = stored.read("leaf_size", "u", (None,)) if "leaf_size" in stored else np.zeros(0, np.uint16)
+            irradiance = {name: stored.read(name, "f", (2, 2, None, 3)) for name in ("elements", "vertices")}
+            if any(values.dtype != np.float32 for values in irradiance.values()):
+                raise ValueError("its irradiance is not float32")
             fields: dict[str, Any] = dict(
                 divisions=stored.read("divisions", "iu", (None,)),
-                elements=stored.read("elements", "f", (2, 2, None, 3), decoded_bytes=_VALUE),
-                vertices=stored.read("vertices", "f", (2, 2, None, 3), decoded_bytes=_VALUE),
+                **irradiance,
                 leaf_size=sizes,
                 **{name: made_by[name] for name in names},
             )

@@ -24,7 +24,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from pathlib import Path
 
@@ -33,15 +33,17 @@ from glpath.system.time_limit import has_limit, named_work, overdue, without_lim
 
 #: Processor time for reading: seconds, and seconds per byte of the files.
 SECONDS = 5.0
-_SECONDS_PER_BYTE = 1e-6
+_SECONDS_PER_BYTE = 1e-5  # the slowest readers, of TOML and XML, take 2.5 us
 # The same for each byte of unfolded data, such as the pixels of a JPEG, which unfolds at 100 MB/s.
 _SECONDS_PER_UNFOLDED_BYTE = 3e-8
 #: Growth of memory during reading: bytes, and bytes per byte of the files.
 MEMORY = 2**30
-_MEMORY_PER_BYTE = 128
+_MEMORY_PER_BYTE = 512  # a cloud of points takes the most, 220
 # Time between two samples, and between two exceptions if the first had no effect, seconds.
 _SAMPLE_S = 0.05
 _AGAIN_S = 1.0
+# Iterations of a loop after which an exception is raised for sure.
+_ITERATIONS = 1000
 _TRUST = "GLPATH_TRUST_FILES"
 _IF_RIGHT = f"If it is right, set {_TRUST}=1, which lifts such limits."
 _PAGE = os.sysconf("SC_PAGESIZE") if hasattr(os, "sysconf") else 4096
@@ -59,9 +61,10 @@ class _Bounds:
     memory    : limit of the process's memory in bytes
     bytes     : size of the files that were opened
     error     : error with which reading ended; None before
+    own_data  : True for data that the caller made or holds in memory
     """
 
-    def __init__(self, name: str, error_class: type[GlpathError], *, timed: bool, trusted: bool) -> None:
+    def __init__(self, name: str, error_class: type[GlpathError], *, timed: bool, own_data: bool) -> None:
         self.name = name
         self.bytes = 0
         self._error_class = error_class
@@ -70,6 +73,8 @@ class _Bounds:
         self._thread = threading.get_ident()
         self._overdue = overdue(f"reading {name}")
         self._clock = _clock_of_this_thread()
+        self.own_data = own_data
+        trusted = own_data or os.environ.get(_TRUST, "") == "1"
         self.processor = math.inf if trusted or timed else self._processor_time() + SECONDS
         self.memory = math.inf if trusted else _memory() + MEMORY
         self._paused = 0
@@ -109,15 +114,18 @@ class _Bounds:
     def end(self) -> None:
         """End the samples. After it no exception is raised in the reading thread.
 
-        The exception may be raised within this call, which the caller then repeats. So it uses only operations that
-        an exception cannot interrupt halfway.
+        An exception may be raised within this call, which the caller then repeats. So it uses only operations that
+        an exception cannot interrupt halfway. It does not cancel an exception, because CPython 3.11 would then look
+        for exceptions in every loop until the process ends, which takes time.
         """
         self._ended = True
         with suppress(RuntimeError):  # released by the interrupted call
             self._wake.release()
         if self._watch.is_alive():  # False if an interrupt came before it started
             self._watch.join()
-        _raise_in(self._thread, None)
+        if self.error is not None:
+            for _ in range(_ITERATIONS):  # a loop raises the exception, if it has not been raised yet
+                pass
 
     def _sample(self) -> None:
         wait = _SAMPLE_S
@@ -127,7 +135,7 @@ class _Bounds:
             if error is not None:
                 self.error = self.error or error
                 wait = _AGAIN_S
-                _raise_in(self._thread, _Interrupted)
+                _interrupt(self._thread)
 
     def _exceeded(self) -> GlpathError | None:
         if (error := self._overdue()) is not None:
@@ -137,7 +145,7 @@ class _Bounds:
             return self._error_class(
                 f"{self.name}: reading {size} takes more than {SECONDS + _SECONDS_PER_BYTE * self.bytes:.3g} s of "
                 "processor time, far more than files of this size need.",
-                f"Check the file in another program. {_IF_RIGHT} A time limit replaces this one, too.",
+                f"Check the file in another program. {_IF_RIGHT}",
             )
         if _memory() > self.memory:
             return self._error_class(
@@ -157,7 +165,8 @@ def reading_file(name: str, *, own_data: bool = False) -> Iterator[None]:
     """Context for reading a file and the files that it names; inside another one, it only names its work.
 
     name     : file name for errors
-    own_data : True for data that the caller made or holds in memory; only a time limit then applies
+    own_data : True for data that the caller made or holds in memory; only a time limit then applies. Files that the
+               data name have bounds of their own
 
     Raises SceneError if reading takes too much processor time or memory for the size of the files, and
     TimeLimitError.
@@ -181,10 +190,8 @@ def reading_result(name: str) -> Iterator[None]:
 
     Raises ImageError if reading takes too much processor time or memory for the size of the file.
     """
-    if _bounds.get() is not None:
-        yield
-        return
-    with without_limit(), _bounded(name, ImageError, timed=False):
+    outer = _bounds.get()
+    with without_limit() if outer is None else nullcontext(), _bounded(name, ImageError, timed=False):
         yield
 
 
@@ -194,12 +201,12 @@ def _bounded(name: str, error_class: type[GlpathError], *, timed: bool, own_data
 
     timed : True if the user gave a time limit, which replaces the limit of processor time
     """
-    if _bounds.get() is not None:
+    outer = _bounds.get()
+    if outer is not None and (own_data or not outer.own_data):
         yield
         return
     before = contextvars.copy_context()
-    trusted = own_data or os.environ.get(_TRUST, "") == "1"
-    bounds = _Bounds(name, error_class, timed=timed, trusted=trusted)
+    bounds = _Bounds(name, error_class, timed=timed, own_data=own_data)
     _bounds.set(bounds)
     try:
         try:
@@ -215,7 +222,7 @@ def _bounded(name: str, error_class: type[GlpathError], *, timed: bool, own_data
         _restore(before)
         raise bounds.error from None
     finally:
-        _bounds.set(None)
+        _bounds.set(outer)
 
 
 @contextmanager
@@ -270,8 +277,6 @@ def _memory() -> int:
         return 0
 
 
-def _raise_in(thread: int, exception: type[BaseException] | None) -> None:
-    """Raise an exception in a thread at its next bytecode; None removes an exception that is not raised yet."""
-    ctypes.pythonapi.PyThreadState_SetAsyncExc(
-        ctypes.c_ulong(thread), None if exception is None else ctypes.py_object(exception)
-    )
+def _interrupt(thread: int) -> None:
+    """Raise `_Interrupted` in a thread at its next bytecode that may end a loop or call a function."""
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(_Interrupted))

@@ -280,6 +280,7 @@ def read_standard_input(limit: int = MAX_FILE_BYTES) -> bytes:
         return _within(stream.read(limit + 1), limit)
     if os.isatty(descriptor):
         return _within(stream.read(), limit)
+    count_file(descriptor)
     mode = os.fstat(descriptor).st_mode
     if (kind := _unreadable_kind(mode)) and not stat.S_ISSOCK(mode):
         raise _refused(STDOUT, kind)
@@ -342,6 +343,7 @@ def _all_of_stream(descriptor: int, limit: int, first: bytes = b"") -> bytes:
 def _within(content: bytes, limit: int) -> bytes:
     if len(content) > limit:
         raise _too_large("more", limit)
+    count_bytes(len(content))
     return content
 
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import GlpathError, SceneError, warn, warning_filter
 from glpath.scene.geometry import LARGEST
 from glpath.system.arguments import checked
-from glpath.system.bounded_reading import reading_file
+from glpath.system.bounded_reading import reading_file, without_bounds
 from glpath.system.files import absence_of, absolute_path, check_file, open_file, read_bytes, reading, reason_of
 from glpath.system.npz import check_unfolded, open_npz, read_npy
 from glpath.system.numerals import real
@@ -548,8 +548,9 @@ def _readable(path: Path) -> Iterator[None]:
 def package_for(name: str, use: str) -> Any:
     """Import a module of the extra `terrain`. Raises GlpathError with the install command if it is missing."""
     try:
-        module = import_module(name)
-        import_module(f"{name}.errors")
+        with without_bounds():
+            module = import_module(name)
+            import_module(f"{name}.errors")
     except ImportError as error:
         raise GlpathError(
             f"{name} cannot be imported ({error}); {use} by it.", 'pip install "glpath[terrain]"'

@@ -104,7 +104,7 @@ def test_unfolded_data_that_another_check_allowed_raise_the_limits(monkeypatch: 
 
 def test_large_files_may_take_longer(tmp_path: Path) -> None:
     large = tmp_path / "a.obj"
-    large.write_bytes(bytes(500_000))
+    large.write_bytes(bytes(50_000))
     with reading_file("a.obj"):
         descriptor = os.open(large, os.O_RDONLY)
         try:
@@ -175,18 +175,50 @@ def test_an_interrupt_at_the_start_leaves_no_thread(monkeypatch: pytest.MonkeyPa
     _work(0.1)
 
 
-def test_view_factors_that_unfold_too_far_are_refused(tmp_path: Path) -> None:
+def test_view_factors_of_half_floats_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, array in {
             "glpath_view_factors": np.array(2),
             "shape": np.array([1, 1]),
-            "data": np.broadcast_to(np.float16(0), 20_000_000),
+            "data": np.zeros(3, np.float16),
+            "indices": np.zeros(3, np.int32),
         }.items():
             with archive.open(f"{name}.npy", "w") as file:
                 np.lib.format.write_array(file, array)
-    with pytest.raises(ImageError, match=r"unfold to 0.48 GB; no more than 64 times is read"):
+    with pytest.raises(ImageError, match=r"not those of a matrix of float64"):
         ViewFactors.load(path)
+
+
+def test_files_that_data_of_the_caller_name_have_bounds() -> None:
+    with reading_scene("the scene", own_data=True):
+        with pytest.raises(SceneError, match=r"a\.obj: reading 0 bytes"), reading_file("a.obj"):
+            _work()
+        _work(0.15)
+    with limited(0.2), pytest.raises(TimeLimitError), reading_scene("the scene", own_data=True):
+        _nested()
+
+
+def _nested() -> None:
+    with reading_file("a.obj"):
+        _work()
+
+
+@pytest.mark.parametrize("source", ["file", "pipe"])
+def test_standard_input_counts(source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    content = tmp_path / "a.csv"
+    content.write_bytes(bytes(50_000))  # 0.5 s more
+    if source == "file":
+        descriptor = os.open(content, os.O_RDONLY)
+    else:
+        descriptor, writer = os.pipe()
+        os.write(writer, content.read_bytes())
+        os.close(writer)
+    with os.fdopen(descriptor) as stream:
+        monkeypatch.setattr("sys.stdin", stream)
+        with reading_file("-"):
+            assert len(files.read_standard_input()) == 50_000
+            _work(0.2)
 
 
 def test_data_of_the_caller_has_a_time_limit_alone() -> None:

@@ -39,8 +39,6 @@ Float64 = NDArray[np.float64]
 
 #: Format number of the file; it changes with the layout.
 FORMAT = 2
-# Memory in bytes per entry of the matrix while it is read.
-_ENTRY = 24
 #: Deviation of row sums from 1 up to which a room counts as closed, unless a row's estimated error is larger.
 _OPEN = 0.02
 _ROUNDS = 20
@@ -355,8 +353,9 @@ class ViewFactors:
             if int(arrays.read("glpath_view_factors", "iu", ())) != FORMAT:
                 raise ImageError(f"{path}: is of another version of glpath.", "Compute the view factors again.")
             n = int(arrays.read("shape", "iu", (2,))[0])
-            data = arrays.read("data", "f", (None,), decoded_bytes=_ENTRY)
-            indices = arrays.read("indices", "iu", (len(data),), decoded_bytes=_ENTRY)
+            data, indices = arrays.read("data", "f", (None,)), arrays.read("indices", "iu", (None,))
+            if data.dtype != np.float64 or indices.dtype not in (np.int32, np.int64) or len(data) != len(indices):
+                raise ValueError("`data` and `indices` are not those of a matrix of float64")
             parts = data, indices, arrays.read("indptr", "iu", (n + 1,))
             matrix = sparse.csr_array(parts, shape=(n, n))
             matrix.check_format()
