@@ -362,12 +362,15 @@ def daylight(
             targets |= saves_shown(shown, found, of_year, show)
         except (Exception, KeyboardInterrupt) as failed:  # even a bug of ours must not lose the coefficients
             hold()
-            in_checkpoints = run.resume and not any(each.failure for each in checkpoints)
-            _keep(failed, files, rescue, in_checkpoints)
+            # A cluster's checkpoint has complete shards, but that of one process lacks the reflected light.
+            in_shards = run.resume and run.cluster is not None and not any(each.failure for each in checkpoints)
+            written, _ = save_all({path: save for path, save in files.items() if save in rescue.values()})
+            _keep(failed, {path: files[path] for path in written}, rescue, in_shards)
             raise
         hold()  # coefficients from a file were not computed by `_computed`, but their year or figure was
-        _, failure = save_all(targets, rescue, _KEPT)
+        written, failure = save_all(targets)  # coefficients first
         if failure is not None:
+            _keep(failure, {path: targets[path] for path in written}, rescue)
             raise failure
         faults = [fault for each in checkpoints if (fault := remove_checkpoint(each))]
     if run.talks:
@@ -394,19 +397,19 @@ def _check_computed(context: typer.Context, coefficients: str) -> None:
 
 
 def _keep(
-    failed: BaseException, files: Mapping[Path, Save], computed: Mapping[str, Save], in_checkpoints: bool
+    failed: BaseException, saved: Mapping[Path, Save], computed: Mapping[str, Save], in_shards: bool = False
 ) -> None:
     """Save computed coefficients after a later step has failed, and add the names of their files to the error.
 
-    files    : functions that write the outputs that are coefficients, by path
-    computed : functions that write all computed coefficients, by file name. Those that are no output go into a
-               temporary folder
-    in_checkpoints : True if the next command with --resume has them again, so that no temporary folder is needed
+    saved    : functions that have written outputs, by path
+    computed : functions that write all computed coefficients, by file name. Those that are in no written output go
+               into a temporary folder
+    in_shards : True if a checkpoint has them as shards for the next command, so that no temporary folder is needed
     """
-    written, _ = save_all({path: save for path, save in files.items() if save in computed.values()})
+    written = [path for path, save in saved.items() if save in computed.values()]
     notes = [_KEPT.format(", ".join(map(str, written)))] if written else []
-    others = {name: save for name, save in computed.items() if not written or save not in files.values()}
-    if others and not in_checkpoints:
+    others = {name: save for name, save in computed.items() if save not in saved.values()}
+    if others and not in_shards:
         notes.append(rescued(others, _KEPT))
     if isinstance(failed, GlpathError):
         failed.remedy = "\n".join(filter(None, [failed.remedy, *notes]))

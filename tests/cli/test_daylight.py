@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -217,26 +219,74 @@ def test_computed_coefficients_survive_a_failure_of_the_year(
     assert not (tmp_path / "year.csv").exists()
 
 
+@pytest.mark.parametrize("is_output", [True, False], ids=["output", "rescue"])
+def test_computed_coefficients_survive_a_year_that_cannot_be_written(
+    is_output: bool,
+    tmp_path: Path,
+    sensors: Path,
+    coefficients: DaylightCoefficients,
+    computations: list[DaylightCoefficients],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def full(*_: object, **options: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("numpy.savetxt", full)
+    outputs = ["-o", tmp_path / "year.csv", "-o", tmp_path / ("dc.npz" if is_output else "year.nc")]
+    epw = write_epw(tmp_path / "nowhere.epw")
+    done = run("cornell-box", *outputs, "--points", sensors, "--weather", epw, "--blinds", "cornell-box")
+    assert done.exit_code == 1, done.output
+    assert "No space left on device" in done.output
+    names = ["dc.npz", "dc.blinds.npz"] if is_output else ["year.npz", "year.blinds.npz"]
+    kept = [*tmp_path.glob("*.npz"), *tmp_path.glob("glpath-*/*.npz")]
+    assert sorted(path.name for path in kept) == sorted(names)
+    for path in kept:
+        assert np.array_equal(glpath.DaylightCoefficients.load(path).words, coefficients.words)
+        assert str(path) in done.output
+
+
+def _once(result: DaylightCoefficients) -> Callable[..., DaylightCoefficients]:
+    """Return a computation that has a result, and that Ctrl-C ends when it is called again."""
+    results = [result]
+
+    def compute(*_: object, **options: object) -> DaylightCoefficients:
+        if not results:
+            raise KeyboardInterrupt
+        return results.pop()
+
+    return compute
+
+
 def test_an_interrupt_while_blinds_are_computed_writes_the_coefficients(
     tmp_path: Path,
     sensors: Path,
     coefficients: DaylightCoefficients,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    results = iter([coefficients])
-
-    def compute(*_: object, **options: object) -> DaylightCoefficients:
-        for result in results:
-            return result
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", compute)
+    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", _once(coefficients))
     out, epw = tmp_path / "dc.npz", write_epw(tmp_path / "nowhere.epw")
     done = run("cornell-box", "-o", out, "--points", sensors, "--weather", epw, "--blinds", "cornell-box")
     assert done.exit_code == 130, done.output
     assert "nothing is kept of the closed blinds" in done.output
     assert f"The coefficients are kept in {out}." in done.output
     assert np.array_equal(glpath.DaylightCoefficients.load(out).words, coefficients.words)
+
+
+def test_checkpoint_of_one_process_does_not_count_as_coefficients_because_it_has_no_reflected_light(
+    tmp_path: Path,
+    sensors: Path,
+    coefficients: DaylightCoefficients,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", _once(coefficients))
+    start = ("cornell-box", "-o", tmp_path / "year.csv", "--points", sensors, "--resume")
+    done = run(*start, "--weather", write_epw(tmp_path / "nowhere.epw"), "--blinds", "cornell-box")
+    assert done.exit_code == 130, done.output
+    (kept,) = tmp_path.glob("glpath-*/year.npz")
+    assert f"The coefficients are kept in {kept}." in done.output
+    assert np.array_equal(glpath.DaylightCoefficients.load(kept).words, coefficients.words)
 
 
 def test_texels_are_sensors_and_show_the_year(tmp_path: Path) -> None:
