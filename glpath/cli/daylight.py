@@ -25,9 +25,9 @@ from glpath.cli.signals import exit_code, hold, release, result_of
 from glpath.cli.typed import typed_command, typed_parameters
 from glpath.cli.unattended import done_but, remove_checkpoint
 from glpath.cli.values import check_choice, shard_of, vector
-from glpath.errors import GlpathError, ImageError, UsageError
+from glpath.errors import GlpathError, ImageError, UsageError, collected_warnings
 from glpath.io.completed import aside
-from glpath.system.files import Save, check_outputs, rescued, save_all
+from glpath.system.files import Save, check_outputs, is_stream, rescued, save_all
 from glpath.system.reporting import ProgressEvent, reporting
 from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
@@ -329,7 +329,17 @@ def daylight(
         check_within(at, loaded, f"--points {points}")
         return loaded, at
 
-    def coefficients_of(source: DaylightCoefficients | tuple[Scene, Points], beside: Path) -> DaylightCoefficients:
+    def checked(which: str) -> DaylightCoefficients | tuple[Scene, Points] | str:
+        """Check a source before long work; return its name, if it can be read again, to free the scene's memory."""
+        source = source_of(which)
+        return source if is_stream(which) else which
+
+    def coefficients_of(
+        source: DaylightCoefficients | tuple[Scene, Points] | str, beside: Path
+    ) -> DaylightCoefficients:
+        if isinstance(source, str):
+            with collected_warnings():  # `checked` has shown them
+                source = source_of(source)
         if not isinstance(source, tuple):
             return source
         found = computed(*source, beside)
@@ -344,10 +354,12 @@ def daylight(
         raise UsageError(f"{scene}: has coefficients already.", "Give --weather, for a year.")
     if points is not None and str(points) == "-" and blinds is not None:
         raise UsageError("--points -: is read once, but --blinds needs the sensors again.", "Give a file.")
-    source, *closed = [source_of(each) for each in (scene, *(blinds or ()))]
+    source = source_of(scene)
+    closed = [checked(each) for each in blinds or ()]
     # Each checkpoint stays, and stays locked, until all outputs are saved, because a later step may fail.
     with ExitStack() as held:
         found = coefficients_of(source, saved)
+        del source
         files: dict[Path, Save] = {path: found.save for path in out if path.suffix.lower() == ".npz"}
         targets = dict(files)
         try:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import errno
+import gc
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from typer.testing import CliRunner, Result
 import glpath
 from glpath.cli.daylight_shown import OF_YEARS
 from glpath.cli.main import app
+from glpath.cli.scene import read_scene
 from glpath.daylight.coefficients import DaylightCoefficients
 from tests.io.test_vtk import arrays
 from tests.support.weather_files import write_epw
@@ -177,6 +181,34 @@ def test_wrong_blinds_and_hours_of_a_year_are_refused_before_anything_is_compute
         assert done.exit_code != 0
         assert text in done.output, done.output
     assert not computations
+
+
+def test_one_scene_at_a_time_is_in_memory_while_daylight_is_computed(
+    tmp_path: Path, sensors: Path, coefficients: DaylightCoefficients, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenes: list[weakref.ref[glpath.Scene]] = []
+    counts: list[int] = []
+
+    def read(*arguments: Any) -> glpath.Scene:
+        scene = replace(read_scene(*arguments))
+        scenes.append(weakref.ref(scene))
+        return scene
+
+    def compute(*_: object, **options: object) -> DaylightCoefficients:
+        gc.collect()
+        counts.append(sum(scene() is not None for scene in scenes))
+        return replace(coefficients)
+
+    monkeypatch.setattr("glpath.cli.daylight.read_scene", read)
+    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", compute)
+    blinds = tmp_path / "closed.obj"
+    blinds.write_text("mtllib none.mtl\nv -1 -1 -1\nv 1 -1 -1\nv 1 1 1\nf 1 2 3\n")
+    start = ("cornell-box", "-o", tmp_path / "year.csv", "--points", sensors)
+    epw = write_epw(tmp_path / "nowhere.epw")
+    done = run(*start, "--weather", epw, "--blinds", blinds, "--blinds", "cornell-box")
+    assert done.exit_code == 0, done.output
+    assert counts == [1, 1, 1]
+    assert done.output.count("none.mtl") == 1, "the warnings of a scene that is read again are not repeated"
 
 
 def _interrupt(*_: object, **options: object) -> None:
