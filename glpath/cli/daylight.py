@@ -25,8 +25,9 @@ from glpath.cli.signals import exit_code, hold, release, result_of
 from glpath.cli.typed import typed_command, typed_parameters
 from glpath.cli.unattended import done_but, remove_checkpoint
 from glpath.cli.values import check_choice, shard_of, vector
-from glpath.errors import GlpathError, ImageError, UsageError
+from glpath.errors import GlpathError, ImageError, UsageError, collected_warnings
 from glpath.io.completed import aside
+from glpath.system.files import is_stream
 from glpath.system.outputs import Save, check_outputs, rescued, save_all
 from glpath.system.reporting import ProgressEvent, reporting
 from glpath.system.signals import TERMINATING_TEXT
@@ -329,7 +330,17 @@ def daylight(
         check_within(at, loaded, f"--points {points}")
         return loaded, at
 
-    def coefficients_of(source: DaylightCoefficients | tuple[Scene, Points], beside: Path) -> DaylightCoefficients:
+    def checked(which: str) -> DaylightCoefficients | tuple[Scene, Points] | str:
+        """Check a source before long work; return its name, if it can be read again, to free the scene's memory."""
+        source = source_of(which)
+        return source if is_stream(which) else which
+
+    def coefficients_of(
+        source: DaylightCoefficients | tuple[Scene, Points] | str, beside: Path
+    ) -> DaylightCoefficients:
+        if isinstance(source, str):
+            with collected_warnings():  # `checked` has shown them
+                source = source_of(source)
         if not isinstance(source, tuple):
             return source
         found = computed(*source, beside)
@@ -344,10 +355,12 @@ def daylight(
         raise UsageError(f"{scene}: has coefficients already.", "Give --weather, for a year.")
     if points is not None and str(points) == "-" and blinds is not None:
         raise UsageError("--points -: is read once, but --blinds needs the sensors again.", "Give a file.")
-    source, *closed = [source_of(each) for each in (scene, *(blinds or ()))]
+    source = source_of(scene)
+    closed = [checked(each) for each in blinds or ()]
     # Each checkpoint stays, and stays locked, until all outputs are saved, because a later step may fail.
     with ExitStack() as held:
         found = coefficients_of(source, saved)
+        del source
         files: dict[Path, Save] = {path: found.save for path in out if path.suffix.lower() == ".npz"}
         targets = dict(files)
         try:
@@ -362,12 +375,15 @@ def daylight(
             targets |= saves_shown(shown, found, of_year, show)
         except (Exception, KeyboardInterrupt) as failed:  # even a bug of ours must not lose the coefficients
             hold()
-            in_checkpoints = run.resume and not any(each.failure for each in checkpoints)
-            _keep(failed, files, rescue, in_checkpoints)
+            # A cluster's checkpoint has complete shards, but that of one process lacks the reflected light.
+            in_shards = run.resume and run.cluster is not None and not any(each.failure for each in checkpoints)
+            written, _ = save_all({path: save for path, save in files.items() if save in rescue.values()})
+            _keep(failed, {path: files[path] for path in written}, rescue, in_shards)
             raise
         hold()  # coefficients from a file were not computed by `_computed`, but their year or figure was
-        _, failure = save_all(targets, rescue, _KEPT)
+        written, failure = save_all(targets)  # coefficients first
         if failure is not None:
+            _keep(failure, {path: targets[path] for path in written}, rescue)
             raise failure
         faults = [fault for each in checkpoints if (fault := remove_checkpoint(each))]
     if run.talks:
@@ -394,19 +410,19 @@ def _check_computed(context: typer.Context, coefficients: str) -> None:
 
 
 def _keep(
-    failed: BaseException, files: Mapping[Path, Save], computed: Mapping[str, Save], in_checkpoints: bool
+    failed: BaseException, saved: Mapping[Path, Save], computed: Mapping[str, Save], in_shards: bool = False
 ) -> None:
     """Save computed coefficients after a later step has failed, and add the names of their files to the error.
 
-    files    : functions that write the outputs that are coefficients, by path
-    computed : functions that write all computed coefficients, by file name. Those that are no output go into a
-               temporary folder
-    in_checkpoints : True if the next command with --resume has them again, so that no temporary folder is needed
+    saved    : functions that have written outputs, by path
+    computed : functions that write all computed coefficients, by file name. Those that are in no written output go
+               into a temporary folder
+    in_shards : True if a checkpoint has them as shards for the next command, so that no temporary folder is needed
     """
-    written, _ = save_all({path: save for path, save in files.items() if save in computed.values()})
+    written = [path for path, save in saved.items() if save in computed.values()]
     notes = [_KEPT.format(", ".join(map(str, written)))] if written else []
-    others = {name: save for name, save in computed.items() if not written or save not in files.values()}
-    if others and not in_checkpoints:
+    others = {name: save for name, save in computed.items() if save not in saved.values()}
+    if others and not in_shards:
         notes.append(rescued(others, _KEPT))
     if isinstance(failed, GlpathError):
         failed.remedy = "\n".join(filter(None, [failed.remedy, *notes]))

@@ -247,11 +247,19 @@ def _summary(film: Film, written: Sequence[Path], stops: float, verbose: bool, p
 
 
 def bias_lines(film: Film) -> Iterator[str]:
-    """Yield a line on the bias of the gather, or, if it was too large, a line that "path" replaced the gather."""
+    """Yield a line on the bias of the gather, or on why it was not measured.
+
+    If the bias was too large, yield a line that "path" replaced the gather.
+    """
+    from glpath.film.bias import BIAS_OBSTACLE
+
     bias, rejected = film.bias(), film.rejected_bias()
+    obstacle = film.metadata.statistics.get(BIAS_OBSTACLE)
     if bias is not None:
         large = "" if bias.is_small() else ", which is too large; --integrator path has none"
         yield f"  bias of the gather: {bias}{large}"
+    elif obstacle is not None:
+        yield f"  {obstacle}; --integrator path has none"
     if rejected is not None:
         yield f"  by path: the bias of the gather would be {rejected}"
 

@@ -44,7 +44,7 @@ from glpath.rendering.interrupts import RenderInterrupted, interrupt_as_flag
 from glpath.rendering.job import RenderJob
 from glpath.rendering.loop import Clock, missing
 from glpath.rendering.run_options import RunOptions
-from glpath.rendering.session import begin, checked_plan, describe_plan, metadata_of, prepare, remarks_of
+from glpath.rendering.session import begin, checked_plan, describe_plan, metadata_of, prepare, warn_about
 from glpath.rendering.stopping import looked_at
 from glpath.scene import Scene
 from glpath.system.arguments import checked, short_repr
@@ -104,27 +104,23 @@ class Cluster(Connection):
         """
         plan = checked_plan(job, scene).resumed(options.film)
         clock = begin(job, plan, scene, options, None, prepared=False)
-        if not clock.ended_before():
-            plan = self._rendered(plan, job, scene, options, clock)
-        for text in remarks_of(plan, clock.film):
-            warn(text, late=True)
-        return clock.film
-
-    def _rendered(self, plan: Plan, job: RenderJob, scene: Scene, options: RunOptions, clock: Clock) -> Plan:
-        """Render the missing path sets into the clock's film, and return the plan that rendered them."""
-        with preparing_scene():
-            traced = plan.traceable(scene)
         try:
-            plan = prepare(job, plan, scene, traced, clock)
-            plan = _with_small_bias(plan, job, scene, traced, options, clock)
+            if not clock.ended_before():
+                with preparing_scene():
+                    traced = plan.traceable(scene)
+                plan = prepare(job, plan, scene, traced, clock)
+                plan = _with_small_bias(plan, job, scene, traced, options, clock)
+                shared = Shared(uuid.uuid4().hex, job, scene, plan, options.for_workers(), this_version())
+                _Render(self, shared, clock).run()
         except TimeLimitError:
             if not clock.film.path_sets:
                 raise
             clock.end_as_begun(TIME_LIMIT)
-            return plan
-        shared = Shared(uuid.uuid4().hex, job, scene, plan, options.for_workers(), this_version())
-        _Render(self, shared, clock).run()
-        return plan
+        except (RenderInterrupted, ChunksFailedError):
+            warn_about(clock.film, plan)
+            raise
+        warn_about(clock.film, plan)
+        return clock.film
 
 
 def _with_small_bias(

@@ -8,12 +8,13 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any, Unpack
 
-from glpath.errors import UsageError, warn
+from glpath.errors import UsageError
 from glpath.film.film import Film
 from glpath.gl.context import Context
 from glpath.integrators.by_name import Integrator
 from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene
+from glpath.rendering.interrupts import RenderInterrupted
 from glpath.rendering.job import RenderJob, SceneSource, describe, with_alpha, with_overrides
 from glpath.rendering.options import RenderKeywords, with_late_warnings, with_options
 from glpath.rendering.progress import Progress, reporting
@@ -158,17 +159,29 @@ def run_job(
         if options.cluster is not None:
             with reporting_to(options, pictured) as reported:
                 return options.cluster.render(job, scene, replace(reported, cluster=None))
-        session = Session(job, scene, options, context=context)
-        with session, reporting_to(options, pictured) as reported:
+        with Session(job, scene, options, context=context) as session:
+            return render_and_warn(session, job, scene, options, pictured)
+
+
+def render_and_warn(
+    session: Session,
+    job: RenderJob,
+    scene: Scene,
+    options: RunOptions,
+    pictured: Callable[[Film], Film] | None = None,
+) -> Film:
+    """Return the film of a job, after the warnings about it; those that are errors are raised at the end.
+
+    Raises the errors of `Session.render`; a film that an interrupt ends also gets its warnings.
+    """
+    try:
+        with reporting_to(options, pictured) as reported:
             film = session.render(job, scene, reported)
-    warn_about(film, session)
+    except RenderInterrupted as stop:
+        session.warn_about(stop.film)
+        raise
+    session.warn_about(film)
     return film
-
-
-def warn_about(film: Film, session: Session) -> None:
-    """Give the warnings about a film that the session has rendered; those that are errors are raised at the end."""
-    for text in session.remarks(film):
-        warn(text, late=True)
 
 
 @with_options()
@@ -239,11 +252,10 @@ def render_frames(
                 if workers is None and (session is None or not session.follows(job, shown)):
                     until_done.close()  # frees the old session's data on the device, which this job cannot use
                     session = until_done.enter_context(Session(job, shown, run_options))
-                with reporting_to(run_options) as reported:
-                    if session is not None:
-                        film = session.render(job, shown, reported)
-                        warn_about(film, session)
-                    elif workers is not None:
+                if session is not None:
+                    film = render_and_warn(session, job, shown, run_options)
+                elif workers is not None:
+                    with reporting_to(run_options) as reported:
                         film = workers.render(job, shown, replace(reported, cluster=None))
             yield film
 

@@ -186,9 +186,9 @@ class Session:
         same = before.sensor.kind == job.sensor.kind and before.integrator == job.integrator
         return same and (job.integrator.any_scene or not _differs(before, job, scene))
 
-    def remarks(self, film: Film) -> list[str]:
-        """Return warnings about a finished film."""
-        return remarks_of(self._plan, film)
+    def warn_about(self, film: Film) -> None:
+        """Give the warnings about a film that the session has rendered, see `warn_about`."""
+        warn_about(film, self._plan)
 
     def _continue_with(self, engine: Engine, job: RenderJob, scene: Scene) -> None:
         """Switch the engine to a further job with another camera or scene."""
@@ -207,8 +207,14 @@ class Session:
         engine.forget_statistics()
 
 
+def warn_about(film: Film, plan: Plan) -> None:
+    """Give the warnings about a film, unless it has no path sets; those that are errors are raised at the end."""
+    for text in remarks_of(plan, film) if film.path_sets else ():
+        warn(text, late=True)
+
+
 def remarks_of(plan: Plan, film: Film) -> list[str]:
-    """Return the warnings about a finished film: those of the plan, and one if samples were invalid."""
+    """Return the warnings about a rendered film: those of the plan, and one if samples were invalid."""
     dropped = film.metadata.statistics.get("dropped_samples", 0)
     text = f"{film.metadata.scene}: {dropped} samples were NaN or infinite and count as 0."
     return plan.remarks(film) + [text] * (dropped > 0)

@@ -20,7 +20,7 @@ from glpath.integrators.by_name import Integrator
 from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene
 from glpath.io.completed import camera_replaced
-from glpath.rendering.calls import reporting_to, warn_about
+from glpath.rendering.calls import render_and_warn
 from glpath.rendering.job import describe
 from glpath.rendering.options import RenderKeywords, settings_of, with_options
 from glpath.rendering.run_options import RunOptions
@@ -123,9 +123,8 @@ def render_views(
             for camera in seen_by:
                 shown = replace(base, camera=camera)
                 view = replace(job, sensor=CameraSensor.of(camera))
-                with limited(run_options.time_limit, anew=True), reporting_to(run_options) as reported:
-                    films.append(session.render(view, shown, reported))
-                warn_about(films[-1], session)
+                with limited(run_options.time_limit, anew=True):
+                    films.append(render_and_warn(session, view, shown, run_options))
     except (Exception, KeyboardInterrupt) as error:
         error.films = tuple(films)  # type: ignore[union-attr]
         if films:

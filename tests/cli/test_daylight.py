@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import errno
+import gc
+import weakref
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +17,7 @@ from typer.testing import CliRunner, Result
 import glpath
 from glpath.cli.daylight_shown import OF_YEARS
 from glpath.cli.main import app
+from glpath.cli.scene import read_scene
 from glpath.daylight.coefficients import DaylightCoefficients
 from tests.io.test_vtk import arrays
 from tests.support.weather_files import write_epw
@@ -177,6 +183,34 @@ def test_wrong_blinds_and_hours_of_a_year_are_refused_before_anything_is_compute
     assert not computations
 
 
+def test_one_scene_at_a_time_is_in_memory_while_daylight_is_computed(
+    tmp_path: Path, sensors: Path, coefficients: DaylightCoefficients, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenes: list[weakref.ref[glpath.Scene]] = []
+    counts: list[int] = []
+
+    def read(*arguments: Any) -> glpath.Scene:
+        scene = replace(read_scene(*arguments))
+        scenes.append(weakref.ref(scene))
+        return scene
+
+    def compute(*_: object, **options: object) -> DaylightCoefficients:
+        gc.collect()
+        counts.append(sum(scene() is not None for scene in scenes))
+        return replace(coefficients)
+
+    monkeypatch.setattr("glpath.cli.daylight.read_scene", read)
+    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", compute)
+    blinds = tmp_path / "closed.obj"
+    blinds.write_text("mtllib none.mtl\nv -1 -1 -1\nv 1 -1 -1\nv 1 1 1\nf 1 2 3\n")
+    start = ("cornell-box", "-o", tmp_path / "year.csv", "--points", sensors)
+    epw = write_epw(tmp_path / "nowhere.epw")
+    done = run(*start, "--weather", epw, "--blinds", blinds, "--blinds", "cornell-box")
+    assert done.exit_code == 0, done.output
+    assert counts == [1, 1, 1]
+    assert done.output.count("none.mtl") == 1, "the warnings of a scene that is read again are not repeated"
+
+
 def _interrupt(*_: object, **options: object) -> None:
     raise KeyboardInterrupt
 
@@ -217,26 +251,74 @@ def test_computed_coefficients_survive_a_failure_of_the_year(
     assert not (tmp_path / "year.csv").exists()
 
 
+@pytest.mark.parametrize("is_output", [True, False], ids=["output", "rescue"])
+def test_computed_coefficients_survive_a_year_that_cannot_be_written(
+    is_output: bool,
+    tmp_path: Path,
+    sensors: Path,
+    coefficients: DaylightCoefficients,
+    computations: list[DaylightCoefficients],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def full(*_: object, **options: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("numpy.savetxt", full)
+    outputs = ["-o", tmp_path / "year.csv", "-o", tmp_path / ("dc.npz" if is_output else "year.nc")]
+    epw = write_epw(tmp_path / "nowhere.epw")
+    done = run("cornell-box", *outputs, "--points", sensors, "--weather", epw, "--blinds", "cornell-box")
+    assert done.exit_code == 1, done.output
+    assert "No space left on device" in done.output
+    names = ["dc.npz", "dc.blinds.npz"] if is_output else ["year.npz", "year.blinds.npz"]
+    kept = [*tmp_path.glob("*.npz"), *tmp_path.glob("glpath-*/*.npz")]
+    assert sorted(path.name for path in kept) == sorted(names)
+    for path in kept:
+        assert np.array_equal(glpath.DaylightCoefficients.load(path).words, coefficients.words)
+        assert str(path) in done.output
+
+
+def _once(result: DaylightCoefficients) -> Callable[..., DaylightCoefficients]:
+    """Return a computation that has a result, and that Ctrl-C ends when it is called again."""
+    results = [result]
+
+    def compute(*_: object, **options: object) -> DaylightCoefficients:
+        if not results:
+            raise KeyboardInterrupt
+        return results.pop()
+
+    return compute
+
+
 def test_an_interrupt_while_blinds_are_computed_writes_the_coefficients(
     tmp_path: Path,
     sensors: Path,
     coefficients: DaylightCoefficients,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    results = iter([coefficients])
-
-    def compute(*_: object, **options: object) -> DaylightCoefficients:
-        for result in results:
-            return result
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", compute)
+    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", _once(coefficients))
     out, epw = tmp_path / "dc.npz", write_epw(tmp_path / "nowhere.epw")
     done = run("cornell-box", "-o", out, "--points", sensors, "--weather", epw, "--blinds", "cornell-box")
     assert done.exit_code == 130, done.output
     assert "nothing is kept of the closed blinds" in done.output
     assert f"The coefficients are kept in {out}." in done.output
     assert np.array_equal(glpath.DaylightCoefficients.load(out).words, coefficients.words)
+
+
+def test_checkpoint_of_one_process_does_not_count_as_coefficients_because_it_has_no_reflected_light(
+    tmp_path: Path,
+    sensors: Path,
+    coefficients: DaylightCoefficients,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", _once(coefficients))
+    start = ("cornell-box", "-o", tmp_path / "year.csv", "--points", sensors, "--resume")
+    done = run(*start, "--weather", write_epw(tmp_path / "nowhere.epw"), "--blinds", "cornell-box")
+    assert done.exit_code == 130, done.output
+    (kept,) = tmp_path.glob("glpath-*/year.npz")
+    assert f"The coefficients are kept in {kept}." in done.output
+    assert np.array_equal(glpath.DaylightCoefficients.load(kept).words, coefficients.words)
 
 
 def test_texels_are_sensors_and_show_the_year(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ from glpath.rendering import RenderJob
 from glpath.rendering.choice import _solvable
 from glpath.rendering.factory import plan_of
 from glpath.rendering.run_options import RunOptions
-from glpath.rendering.session import Session, remarks_of
+from glpath.rendering.session import remarks_of
 from tests.conftest import MakeFilm
 from tests.support.command_line import run
 
@@ -62,7 +62,7 @@ def model(tmp_path: Path) -> Path:
 def late(monkeypatch: pytest.MonkeyPatch) -> str:
     """A warning about each film that is done."""
     text = "the film is odd"
-    monkeypatch.setattr(Session, "remarks", lambda session, film: [text])
+    monkeypatch.setattr("glpath.rendering.session.remarks_of", lambda plan, film: [text])
     return text
 
 

@@ -11,18 +11,22 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.cli.outcome import bias_lines
 from glpath.compare.picture import Picture
 from glpath.compare.statistical import stat
 from glpath.errors import ContextError, ImageError, SceneWarning
-from glpath.film.bias import BIAS_PROBE, BLOCKS, SURE, bias_of, block_means, summed
+from glpath.film.bias import BIAS_OBSTACLE, BIAS_PROBE, BLOCKS, SURE, bias_of, block_means, summed
 from glpath.film.film import Film
 from glpath.film.metadata import merged_values
+from glpath.jobs.chunks import ChunksFailedError
 from glpath.jobs.cluster import Cluster
 from glpath.radiosity import RadiosityProgress
 from glpath.rendering import factory
 from glpath.rendering.bias import BiasCheck
 from glpath.rendering.factory import solve_for_gather
+from glpath.rendering.interrupts import RenderInterrupted
 from glpath.sensors.sensor import PointSensor
+from tests.conftest import MakeFilm
 
 GATHER = {"integrator": "gather", "spp": 16, "resolution": (40, 30)}
 
@@ -302,3 +306,63 @@ def test_where_there_is_no_room_for_the_probe_the_bias_is_not_known(monkeypatch:
     half = glpath.render("cornell-box-36", **(AUTO | {"spp": 8}))
     assert half.metadata.integrator == "path"
     assert glpath.render("cornell-box-36", film=half, **AUTO).path_sets == 16
+
+
+def _no_room(*_: object) -> None:
+    raise ContextError("no room")
+
+
+UNMEASURED = "not enough memory to measure the bias of the gather"
+CALLS: dict[str, Callable[..., Any]] = {
+    "render": lambda **options: glpath.render("cornell-box-36", **GATHER, **options),
+    "frames": lambda **options: list(glpath.render_frames("cornell-box-36", [{}], **GATHER, **options)),
+    "views": lambda **options: glpath.render_views(
+        "cornell-box-36", [np.eye(4)], [[30.0, 0, 16], [0, 30, 16], [0, 0, 1]], integrator="gather", **options
+    ),
+}
+
+
+@pytest.mark.parametrize("call", CALLS.values(), ids=CALLS)
+@pytest.mark.parametrize("strict", [False, True], ids=["", "strict"])
+def test_an_interrupted_film_has_the_warning_about_its_bias(
+    call: Callable[..., Any], strict: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("glpath.rendering.bias.block_means", _no_room)
+    films: list[Film] = []
+
+    def stop(film: Film) -> None:
+        films.append(film)
+        signal.raise_signal(signal.SIGINT)
+
+    with (
+        pytest.warns(SceneWarning, match=UNMEASURED),
+        pytest.raises(glpath.RenderInterrupted) as caught,
+    ):
+        call(on_step=stop, strict=strict)
+    assert caught.value.film is films[0]
+    assert caught.value.film.path_sets > 0
+
+
+@pytest.mark.parametrize("failure", ["interrupt", "chunks"])
+def test_a_film_that_a_cluster_does_not_finish_has_the_warning_about_its_bias(
+    failure: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("glpath.rendering.bias.block_means", _no_room)
+    with pytest.warns(SceneWarning, match=UNMEASURED):
+        film = glpath.render("cornell-box-36", **GATHER)
+    error = RenderInterrupted(film) if failure == "interrupt" else ChunksFailedError("no worker", "", film)
+
+    def fail(_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("glpath.jobs.cluster._Render.run", fail)
+    cluster: Any = Cluster.__new__(Cluster)  # no path set reaches its workers
+    with pytest.warns(SceneWarning, match=UNMEASURED), pytest.raises(type(error)) as caught:
+        glpath.render("cornell-box-36", film=film, cluster=cluster, strict=True, **(GATHER | {"spp": 32}))
+    assert caught.value is error
+
+
+def test_the_summary_says_why_a_bias_was_not_measured(make_film: MakeFilm) -> None:
+    film = make_film([(0, 8)], statistics={BIAS_OBSTACLE: f"there was {UNMEASURED}"})
+    assert [*bias_lines(film)] == [f"  there was {UNMEASURED}; --integrator path has none"]
+    assert [*bias_lines(make_film([(0, 8)]))] == []
