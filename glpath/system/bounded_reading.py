@@ -44,8 +44,7 @@ _SAMPLE_S = 0.05
 _AGAIN_S = 1.0
 # Iterations of a loop after which an exception is raised for sure.
 _ITERATIONS = 1000
-_TRUST = "GLPATH_TRUST_FILES"
-_IF_RIGHT = f"If it is right, set {_TRUST}=1, which lifts such limits."
+_IF_RIGHT = "If it is right, set GLPATH_TRUST_FILES=1, which lifts such limits."
 _PAGE = os.sysconf("SC_PAGESIZE") if hasattr(os, "sysconf") else 4096
 
 
@@ -74,7 +73,7 @@ class _Bounds:
         self._overdue = overdue(f"reading {name}")
         self._clock = _clock_of_this_thread()
         self.own_data = own_data
-        trusted = own_data or os.environ.get(_TRUST, "") == "1"
+        trusted = own_data or os.environ.get("GLPATH_TRUST_FILES", "") == "1"
         self.processor = math.inf if trusted or timed else self._processor_time() + SECONDS
         self.memory = math.inf if trusted else _memory() + MEMORY
         self._paused = 0
