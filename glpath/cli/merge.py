@@ -130,7 +130,7 @@ def _check_denoisable(metadata: FilmMetadata, first: Path, out: list[Path], deno
 
 
 def _notes(film: Film, picture: Picture) -> Iterator[str]:
-    """Yield lines on missing path sets, on several devices or versions, and on the denoising of pictures."""
+    """Yield notes for the user: missing path sets, different devices or versions, and if pictures are denoised."""
     gaps = [f"{start}:{stop}" for (_, start), (stop, _) in pairwise(film.ranges)]
     if gaps:
         yield f"no film holds path sets {', '.join(gaps)}"

@@ -324,7 +324,7 @@ def _save(solution: RadiositySolution, scene: Scene, out: list[Path], exposure: 
 
 
 def _end(solution: RadiositySolution | None, out: list[Path], scene: Scene, quiet: bool, *, solved: bool) -> None:
-    """Print what was solved and written; after an interruption, exit with its code."""
+    """Print what was solved and written. If a signal interrupted the command, exit with the code of that signal."""
     names = ", ".join(map(str, out))
     if solution is not None and not quiet:
         for line in (*_summary(solution), f"  {light_of(scene)}") if solved else ():

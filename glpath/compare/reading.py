@@ -99,7 +99,7 @@ def _stored_size(path: Path) -> tuple[int, int] | None:
     from PIL import Image
 
     suffix = path.suffix.lower()
-    with suppress(Exception):  # parsers raise any type for a damaged file, which `read_picture` reports
+    with suppress(Exception):  # of any class, for a damaged file; `read_picture` reports it later
         if path.is_file() and suffix in (".exr", ".hdr"):  # a pipe can be read only once
             size = picture_size(path)
             return size.width, size.height

@@ -189,7 +189,10 @@ class _Shards:
 
 
 def compute_shard(token: str, shard: tuple[int, int]) -> tuple[DaylightCoefficients, list[str]]:
-    """Return the coefficients of shard (k, n) of a token's computation, in a worker, and texts of warnings."""
+    """Compute a shard, the k-th of n, of the work with this token in a worker.
+
+    Returns the coefficients, and the texts of warnings.
+    """
     with held(token) as shared, collected_warnings() as texts:
         assert isinstance(shared, DaylightWork), "what computed_by shares"
         check_version(shared.version)

@@ -240,7 +240,7 @@ class DaylightCoefficients:
 
     @cached_property
     def sensor_weights(self) -> Float64:
-        """Weights (N,) of the sensors in means and shares: areas of texels; 1 for other sensors."""
+        """Weights (N,) of the sensors in means and fractions of the area: areas of texels; 1 if there are no texels."""
         return np.ones(len(self)) if self.texels is None else self.texels.areas
 
     @cached_property
@@ -262,7 +262,7 @@ class DaylightCoefficients:
 
     @cached_property
     def _in_sky(self) -> int:
-        """Number of directions of ground and sky."""
+        """Number of directions that belong to the ground or a sky patch; the others belong to suns."""
         return int(np.count_nonzero(self.column < len(self.patches)))
 
     @cached_property

@@ -122,8 +122,8 @@ class FilmMetadata:
     pixel_aspect: float = 1.0
 
     def __post_init__(self) -> None:
-        # Stored as JSON values from the start (a tuple becomes a list), so that a film read from a file can be
-        # merged.
+        # Converted to JSON values (a tuple becomes a list), so that they equal those of a film that is read from a
+        # file. Merging compares them.
         for name in ("settings", "versions", "statistics"):
             object.__setattr__(self, name, json.loads(json.dumps(dict(getattr(self, name)))))
         object.__setattr__(self, "full_resolution", tuple(self.full_resolution))

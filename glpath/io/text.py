@@ -28,7 +28,8 @@ _INFINITE = re.compile(r"\b1\.#(?:INF|J)\d*", re.IGNORECASE)
 _OF_NAMES = re.compile(
     r"\s*(map_\w+|bump|norm|disp|decal|refl|usemtl|newmtl|mtllib|usemap|maplib|[og])[ \t]", re.IGNORECASE
 )
-# Blanks that separate words. Other blanks, such as U+0085, may be bytes of letters if the encoding is unknown.
+# Characters that separate words. Other blanks of Unicode, such as U+0085, are not among them, because in a text of
+# unknown encoding they may be parts of letters.
 _BLANKS = " \t"
 _CONTINUED = tuple(f"{blank}\\" for blank in _BLANKS)
 # First letters of the statements v, vt, vn and f, which make up most lines and never hold names.
@@ -159,7 +160,7 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Yield each statement as the number of its first line, from 1, and its text without comments."""
     begun, is_name = 0, False
     before: list[str] = []  # earlier lines of a statement that continues on this line
-    # str.splitlines also splits at characters such as U+0085, which may be bytes of letters.
+    # Not str.splitlines, which also splits at U+0085. In a text of unknown encoding it may be part of a letter.
     for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), start=1):
         begun, line = begun or number, line.rstrip(_BLANKS)
         if "#" in line or "(" in line or line.endswith("\\"):

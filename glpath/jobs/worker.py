@@ -24,9 +24,9 @@ from glpath.system.versions import versions
 
 
 class Sharable(Protocol):
-    """Data sent to a worker once, to which its tasks refer.
+    """Data sent once to each worker, which many tasks then use.
 
-    token : identifier among other shared data
+    token : unique identifier by which tasks refer to the data
     """
 
     @property

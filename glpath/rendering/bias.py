@@ -87,7 +87,7 @@ class BiasProbe:
 
 @dataclass
 class BiasCheck:
-    """Check of one render's bias.
+    """Measurement of the bias of a gather, by a probe that further engines render, before its first path set.
 
     context, scene : context and traceable scene of the engines
     sensor         : sensor of the render, relative to the scene's origin

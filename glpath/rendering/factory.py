@@ -51,7 +51,7 @@ _MANY_TRIANGLES = 1_000_000
 
 _Shared = TypeVar("_Shared", PathBufferSettings, GatherSettings)
 
-# Minimum number of pixels per triangle for interleaving, which does all work per triangle four times.
+# Minimum number of pixels per triangle for interleaved images. Their four engines each do all work per triangle.
 _PIXELS_PER_TRIANGLE = 16
 
 # Minimum area of the proxies, as a fraction of the streamed triangles' area. With less, their solution would be
@@ -65,8 +65,8 @@ _CROWDED = 0.25
 #: solution.
 UNGUIDED = "unguided_by_time_limit"
 
-#: Number of patches of a radiosity solution made for a gather. A gather looks up only indirect light, one bounce
-#: away, so the noise averages over hundreds of elements.
+#: Number of patches of a radiosity solution made for a gather. Few suffice: each pixel is a
+#: mean over hundreds of elements, which hides the noise of the solution.
 GATHER_PATCHES = 500
 #: Minimum number of particles of a solution made for a gather. Compared with eight million particles, these few
 #: change an image's relMSE by 7e-6 (`cornell-box-36`) and 2e-5 (`room`). For the same error, progressive refinement

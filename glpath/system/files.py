@@ -53,7 +53,7 @@ def shipped_folder(name: str) -> Path | None:
 
 
 def is_denied(path: str | Path) -> bool:
-    """Return True if a folder of the path may not be entered, so that nobody knows if the path exists."""
+    """Return True if missing permission for a folder of the path prevents a test whether the path exists."""
     try:
         os.stat(path)
     except PermissionError:

@@ -60,7 +60,7 @@ def inner_kernel(function: Callable[..., Any]) -> Any:
 
 
 def outer(inner: Any) -> Any:
-    """Return an inner kernel's function as a kernel that Python can call, with a compilation of its own."""
+    """Compile the function of an inner kernel a second time, as a kernel that Python can call."""
     return kernel(getattr(inner, "py_func", inner))
 
 

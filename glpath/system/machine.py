@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from glpath.system.heartbeat import heartbeat
+from glpath.system.time_limit import check_time
 
 # Maximum number of threads of this process; None: no limit.
 _max_threads: int | None = None
@@ -55,7 +56,8 @@ def core_count() -> int:
 def in_threads(count: int, size: int, work: Callable[[int, int], object]) -> None:
     """Call `work(begin, end)` for ranges of up to `size` that cover 0 to `count`, in one thread per core.
 
-    This is faster only for work that releases Python's lock, such as kernels.
+    This is faster only for work that releases Python's lock, such as kernels. Raises TimeLimitError inside
+    `named_work`.
     """
     begins = range(0, count, size)
     if len(begins) < 2:
@@ -65,6 +67,7 @@ def in_threads(count: int, size: int, work: Callable[[int, int], object]) -> Non
     with ThreadPoolExecutor(core_count()) as pool:
         for _ in pool.map(lambda begin: work(begin, min(begin + size, count)), begins):
             heartbeat.beat()
+            check_time()
 
 
 def limit_threads(count: int) -> None:

@@ -133,7 +133,10 @@ def _refuse(constant: str) -> None:
 
 @contextmanager
 def open_npz(path: str | Path, what: str, remedy: str = "") -> Iterator[Arrays]:
-    """Context with the arrays of a file that must be `what`, such as "a film". All errors become ImageError."""
+    """Open an .npz file and yield its arrays. All errors become ImageError.
+
+    what : expected content for the messages, such as "a film"
+    """
     with reading(path, what, remedy), open_file(path) as file:
         if not zipfile.is_zipfile(file):
             raise ValueError("it is cut off, or not of this format")

@@ -56,7 +56,7 @@ def _check_no_input(option: str, path: Path, read: Mapping[tuple[int, int], str 
 
 
 def _files_of(paths: Iterable[str | Path]) -> dict[tuple[int, int], str | Path]:
-    """Return existing files by device and inode; of several names of a file, the first."""
+    """Return the path of each existing file by device and inode; the first, if several paths lead to one file."""
     files: dict[tuple[int, int], str | Path] = {}
     for path in paths:
         if (found := file_id(path)) is not None:

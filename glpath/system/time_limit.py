@@ -17,6 +17,7 @@ Poor at:  single calls of a driver or library that take longer than a second, be
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -27,9 +28,6 @@ from pathlib import Path
 
 from glpath.errors import TimeLimitError, UsageError
 from glpath.system.arguments import short_repr
-from glpath.system.machine import posix_module
-
-_os = posix_module("posix")
 
 #: Time after the limit for work that is required for a result, seconds.
 GRACE = 1.0
@@ -91,9 +89,8 @@ def _process_age() -> float:
     """
     try:
         fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
-        assert _os is not None, "there is a /proc"
-        age: float = time.clock_gettime(time.CLOCK_BOOTTIME) - int(fields[19]) / _os.sysconf("SC_CLK_TCK")
-    except (OSError, ValueError, IndexError, AttributeError, AssertionError):
+        age: float = time.clock_gettime(time.CLOCK_BOOTTIME) - int(fields[19]) / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError, IndexError, AttributeError):
         return 0.0
     return min(max(0.0, age), time.process_time() + _MAX_IDLE)
 

@@ -363,7 +363,7 @@ def _opened_tiff(path: Path, rasterio: Any) -> Iterator[Any]:
 
 
 def _check_directories(path: Path, rasterio: Any) -> None:
-    """Raise ValueError if a block of another image in a TIFF, such as its mask, takes too much memory."""
+    """Raise ValueError if a block of an image after the first in a TIFF, such as a mask, takes too much memory."""
     for number in range(1, _MAX_DIRECTORIES):
         try:
             with warning_filter("ignore"):

@@ -162,6 +162,7 @@ def _batches(middles: Float64, group: Int64, max_samples: int) -> list[Int64]:
     pending = np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(order) else []
     done = []
     while pending:
+        check_time()
         part = pending.pop()
         if len(part) <= max_samples:
             done.append(part)

@@ -30,6 +30,8 @@ _FINE = 8
 _OFF = 1e-6
 #: Number of points that a thread tests at a time.
 _TOGETHER = 1 << 12
+#: Number of sides whose parts are tested at a time.
+_SIDES_TOGETHER = 1 << 13
 # Area of a piece of a lamp, as a fraction of the largest piece of its shape and of the area of a closed shape
 # around it, up to which it does not make the closed shape a room.
 _PIECE, _PIECE_IN_SHAPE = 1e-3, 1e-4
@@ -167,15 +169,18 @@ class Solids:
         triangle = elements.triangle[sides.element]
         buried = ~self._free(points, sides.normal).all(axis=1)
         near = np.flatnonzero(np.isin(triangle, triangle[buried]))
-        fine = elements[sides.element[near]].points(self.scene, sub_triangles(_FINE))
-        is_free = self._free(fine, sides.normal[near])
-        free_ones = is_free.sum(axis=1)
-        is_open[near] = free_ones / _FINE**2
-        some = (free_ones > 0) & (free_ones < _FINE**2)
-        order = np.argsort(~is_free[some], axis=1, kind="stable")
-        spread = ((np.arange(count) + 0.5) / count * free_ones[some, None]).astype(np.int64)
-        chosen = np.take_along_axis(order, spread, axis=1)
-        points[near[some]] = np.take_along_axis(fine[some], chosen[..., None], axis=1)
+        for begin in range(0, len(near), _SIDES_TOGETHER):
+            check_time()
+            part = near[begin : begin + _SIDES_TOGETHER]
+            fine = elements[sides.element[part]].points(self.scene, sub_triangles(_FINE))
+            is_free = self._free(fine, sides.normal[part])
+            free_ones = is_free.sum(axis=1)
+            is_open[part] = free_ones / _FINE**2
+            some = (free_ones > 0) & (free_ones < _FINE**2)
+            order = np.argsort(~is_free[some], axis=1, kind="stable")
+            spread = ((np.arange(count) + 0.5) / count * free_ones[some, None]).astype(np.int64)
+            chosen = np.take_along_axis(order, spread, axis=1)
+            points[part[some]] = np.take_along_axis(fine[some], chosen[..., None], axis=1)
         return points, is_open
 
     def _free(self, tested: Float64, normal: Float64) -> NDArray[np.bool_]:

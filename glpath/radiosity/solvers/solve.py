@@ -66,8 +66,8 @@ _MAX_BATCHES = 64
 _VIEW_ERROR = 0.003
 #: `stop_rule` in the statistics of a solution, unless the time limit or Ctrl-C ended it.
 DONE = "done"
-# Name of the work before the first step, for the error message of a time limit.
-_MESHING = "meshing the scene for its radiosity"
+# Names of the work before the first step, for the error message of a time limit.
+_MESHING, _PREPARING = "meshing the scene for its radiosity", "preparing the radiosity solver"
 #: Seconds between two reports.
 _REPORT_INTERVAL = 0.05
 
@@ -306,16 +306,16 @@ def solve_radiosity(
             mesh = Mesh.uniform(triangles, divisions, surface, splits)
             compile_ahead(needed)
             if method == "monte-carlo":
-                with without_limit_if_resumed():
+                with without_limit_if_resumed(), named_work(_PREPARING):
                     shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive, threshold)
                 return _monte_carlo(run, shooting, particles, checkpoint)
             cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MAX))
-            transport = Transport(
-                mesh, FormFactorOptions(form_factors, emitter_samples, receiver_points), cache, shafts
-            )
+            of_factors = FormFactorOptions(form_factors, emitter_samples, receiver_points)
+            with without_limit_if_resumed(), named_work(_PREPARING):
+                transport = Transport(mesh, of_factors, cache, shafts)
             if method == "matrix":
                 return _matrix(run, transport)
-            with without_limit_if_resumed():
+            with without_limit_if_resumed(), named_work(_PREPARING):
                 refinement = Refinement(transport, overshoot)
             wanted = _Wanted(unshot, max_steps, adaptive, threshold, ambient)
             return _progressive(run, refinement, wanted, per_element, checkpoint)
