@@ -240,7 +240,7 @@ class DaylightCoefficients:
 
     @cached_property
     def sensor_weights(self) -> Float64:
-        """Weights (N,) of the sensors in means and fractions of the area: areas of texels; 1 if there are no texels."""
+        """Weights (N,) of the sensors in means and fractions of the area: areas of texels; 1 without texels."""
         return np.ones(len(self)) if self.texels is None else self.texels.areas
 
     @cached_property
