@@ -269,7 +269,7 @@ def test_a_limit_that_ends_before_the_first_step_is_an_error(clock: Clock, monke
             clock.ahead = 1e6
 
     monkeypatch.setattr("glpath.radiosity.solvers.solve.Refinement", LateRefinement)
-    with pytest.raises(glpath.TimeLimitError, match="time_limit=100: over while finding form factors"):
+    with pytest.raises(glpath.TimeLimitError, match="time_limit=100: over while preparing the radiosity solver"):
         solve_radiosity(BOX, time_limit=100.0, **METHODS[0])
 
 
