@@ -699,9 +699,12 @@ def _rec709_from(chromaticities: Float64) -> Float64:
 
     Sources: SMPTE RP 177-1993 (XYZ from RGB); Lam 1985, the Bradford adaptation, as of ICC.1:2022, annex E.
     """
-    cone = [_BRADFORD @ _xyz_from_rgb(each) for each in (chromaticities, np.array(REC709_CHROMATICITIES))]
-    theirs, ours = (each.sum(axis=1) for each in cone)  # cone responses of the two white points
-    matrix = np.linalg.solve(cone[1], (ours / theirs)[:, None] * cone[0])
+    try:
+        cone = [_BRADFORD @ _xyz_from_rgb(each) for each in (chromaticities, np.array(REC709_CHROMATICITIES))]
+        theirs, ours = (each.sum(axis=1) for each in cone)  # cone responses of the two white points
+        matrix = np.linalg.solve(cone[1], (ours / theirs)[:, None] * cone[0])
+    except np.linalg.LinAlgError:
+        matrix = np.full((3, 3), np.nan)
     if not np.isfinite(matrix).all():
         raise ValueError(f"its chromaticities {chromaticities.round(4).tolist()} are not those of colours")
     return matrix

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from glpath.errors import UsageError
@@ -38,6 +40,15 @@ def require_memory(need: float, what: str, remedy: str) -> None:
     available = available_bytes()
     if need > available:
         raise UsageError(f"{what} would need about {_size(need)} of memory; there are {_size(available)}.", remedy)
+
+
+@contextmanager
+def enough_memory(what: str, remedy: str) -> Iterator[None]:
+    """Context that turns a MemoryError into a UsageError, for memory that cannot be estimated before."""
+    try:
+        yield
+    except MemoryError as error:
+        raise UsageError(f"{what}: there is not enough memory. {error}".rstrip(), remedy) from error
 
 
 def _size(count: float) -> str:

@@ -408,7 +408,7 @@ def _beside(path: str | Path) -> Iterator[Path]:
     if kind is not None:
         raise OSError(f"it is {kind}")
     target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = new_file(target.parent, target)
+    temporary = new_file(target.parent, target, suffix=Path(path).suffix)
     descriptor = _locked(temporary)
     try:
         yield temporary
@@ -464,7 +464,7 @@ def remove_parts(path: str | Path) -> None:
     Files that a process is still writing are locked, and stay. If the system has no file locks, all files stay.
     """
     target = real_path(path)
-    before, after = _part_name(target, _NO_TOKEN).split(_NO_TOKEN)
+    before, after = _part_name(target, _NO_TOKEN, Path(path).suffix).split(_NO_TOKEN)
     left = re.compile(re.escape(before) + "[0-9a-f]{8}" + re.escape(after))
     with suppress(OSError):
         for entry in list(target.parent.iterdir()):
@@ -550,21 +550,23 @@ def file_id(path: str | Path) -> tuple[int, int] | None:
     return None
 
 
-def new_file(folder: Path, target: Path, mode: int = 0o666) -> Path:
+def new_file(folder: Path, target: Path, mode: int = 0o666, suffix: str | None = None) -> Path:
     """Create an empty file in `folder` for the content of `target`, and return its path. Raises OSError.
 
     The name is random, and an existing file or link of that name is never opened.
+
+    suffix : suffix of the new file; None: that of `target`, which may lack it if a link leads to it
     """
     while True:
-        path = folder / _part_name(target, secrets.token_hex(4))
+        path = folder / _part_name(target, secrets.token_hex(4), target.suffix if suffix is None else suffix)
         with suppress(FileExistsError):
             os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _WITHOUT_LINKS, mode))
             return path
 
 
-def _part_name(target: Path, token: str) -> str:
+def _part_name(target: Path, token: str, suffix: str) -> str:
     # The suffix stays last, because some libraries choose the format by it.
-    return short_name(".", target.stem, f".{token}.part{target.suffix}")
+    return short_name(".", target.stem, f".{token}.part{suffix}")
 
 
 def short_name(before: str, stem: str, after: str) -> str:

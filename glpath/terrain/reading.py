@@ -74,6 +74,8 @@ _LAS_HEADER = 227
 _LAS_HEADER_1_4 = 375
 # Size of the smallest LAS record, bytes.
 _LAS_RECORD = 54
+# Size of the header of a record behind the points, bytes.
+_LAS_RECORD_EXTENDED = 60
 # Bit of the LAS point format that is set if points are compressed.
 _LAS_COMPRESSED = 0x80
 
@@ -484,13 +486,19 @@ def _check_las(file: BinaryIO, total: int) -> None:
     form = kind & _LAS_FORMAT
     if form > _LAS_HIGHEST_FORMAT:
         raise ValueError(f"its points are of format {form}, expected 0 to {_LAS_HIGHEST_FORMAT}")
-    extra = 0
+    extra = extra_at = 0
     if head[25] >= 4 and len(head) == _LAS_HEADER_1_4:
-        _, extra, points = struct.unpack_from("<QIQ", head, 235)
+        extra_at, extra, points = struct.unpack_from("<QIQ", head, 235)
     if size + _LAS_RECORD * records > points_at or points_at > total:
         raise ValueError(f"{records:,} records of its header do not fit before its points")
     if _LAS_RECORD * extra > total:
         raise ValueError(f"{extra:,} records behind its points do not fit in {total:,} bytes")
+    for number in range(extra):
+        file.seek(extra_at)
+        record = file.read(_LAS_RECORD_EXTENDED)
+        extra_at += _LAS_RECORD_EXTENDED + (int.from_bytes(record[20:28], "little") if record else 0)
+        if extra_at > total:
+            raise ValueError(f"record {number} behind its points is not in the file")
     stored = total - points_at
     if kind & _LAS_COMPRESSED:
         check_unfolded(points * length, stored, points * (length + _DECODED_POINT))

@@ -794,3 +794,13 @@ def test_temporary_name_that_is_a_link_already_is_passed_over(
     assert target.read_text() == "years of work"
     assert guessed.is_symlink()
     assert {path.name for path in tmp_path.iterdir()} <= {"precious", guessed.name, "a.txt"}
+
+
+def test_temporary_file_behind_a_link_has_the_suffix_of_the_link(tmp_path: Path) -> None:
+    """Writers of movies choose the format by it."""
+    link = tmp_path / "a.mp4"
+    link.symlink_to("blob")
+    with files.whole_file(link) as temporary:
+        temporary.write_bytes(b"movie")
+        assert temporary.suffix == ".mp4"
+    assert (tmp_path / "blob").read_bytes() == b"movie"

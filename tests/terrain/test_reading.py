@@ -481,6 +481,21 @@ def test_a_las_header_that_announces_too_much_is_refused(
         load_point_cloud(tmp_path / "a.las")
 
 
+def test_record_behind_the_points_of_a_las_that_is_too_long_is_refused(tmp_path: Path) -> None:
+    laspy = pytest.importorskip("laspy")
+    cloud = laspy.create(file_version="1.4", point_format=6)
+    cloud.x, cloud.y, cloud.z = np.arange(9.0).reshape(3, 3)
+    cloud.evlrs = laspy.vlrs.vlrlist.VLRList([laspy.VLR("glpath", 1, record_data=bytes(100))])
+    cloud.write(tmp_path / "a.las")
+    assert len(load_point_cloud(tmp_path / "a.las")) == 3
+    content = bytearray((tmp_path / "a.las").read_bytes())
+    at = struct.unpack_from("<Q", content, 235)[0]
+    struct.pack_into("<Q", content, at + 20, 2**60)
+    (tmp_path / "a.las").write_bytes(content)
+    with pytest.raises(glpath.SceneError, match="record 0 behind its points is not in the file"):
+        load_point_cloud(tmp_path / "a.las")
+
+
 @pytest.mark.parametrize("chunk", [0, 1])
 def test_layers_of_a_laz_chunk_are_in_its_file(chunk: int, tmp_path: Path) -> None:
     """A chunk has 50,000 points: its first point, a point count, the sizes of nine layers, and the layers."""

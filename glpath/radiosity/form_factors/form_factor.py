@@ -102,14 +102,18 @@ class FormFactors:
         """Return the points that represent the sides of elements, in the form that `of_batch` takes."""
         solid = self.visibility.occluders.solid[self._polygon]
         points, is_open = Solids.of(self.scene, solid).open_points(elements, sides, self.points)
+        check_time()
         each = points.shape[1]
         polygon = np.repeat(self._polygon[elements.triangle[sides.element]], each)
         # Shafts treat each side of a polygon as one receiver.
         key = 2 * polygon + np.repeat(sides.back, each)
         order = np.argsort(key, kind="stable")
+        check_time()
         normals = np.ascontiguousarray(np.repeat(sides.normal, each, axis=0)[order])
         receivers = Receivers(points.reshape(-1, 3)[order], key[order].astype(np.int32), normals, polygon[order])
+        check_time()
         prepared = self.visibility.prepare(receivers) if len(order) else None
+        check_time()
         number = np.repeat(np.arange(len(sides)), each)[order]
         return ReceiverPoints(receivers, prepared, _Lit(receivers.points, normals, number), is_open, each)
 

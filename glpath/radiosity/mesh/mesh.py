@@ -25,6 +25,8 @@ Int64 = NDArray[np.int64]
 _SMOOTH = float(np.cos(np.radians(30)))
 #: Distance below which points of one surface are merged, as a fraction of the scene's extent.
 _WELD = 0.7236e-6
+# Number of elements whose points are computed at a time.
+_TOGETHER = 1 << 15
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Elements:
     def __len__(self) -> int:
         return len(self.triangle)
 
-    def __getitem__(self, which: NDArray[np.bool_] | Int64) -> Elements:
+    def __getitem__(self, which: NDArray[np.bool_] | Int64 | slice) -> Elements:
         return Elements(*(a[which] for a in (self.triangle, self.n, self.i, self.j, self.upper)))
 
     def __add__(self, other: Elements) -> Elements:
@@ -89,10 +91,17 @@ class Elements:
         barycentric : (k, 3), the same for all elements, or (E, k, 3)
         """
         subscripts = "kc,ecx->ekx" if barycentric.ndim == 2 else "ekc,ecx->ekx"
-        b = np.einsum(subscripts, barycentric, self.corners() / self.n[:, None, None])
-        triangles = scene.triangles[self.triangle]
-        edges = triangles[:, 1:] - triangles[:, :1]
-        return np.asarray(triangles[:, :1] + np.einsum("ekx,exd->ekd", b, edges))
+        found = np.empty((len(self), barycentric.shape[-2], 3))
+        for begin in range(0, len(self), _TOGETHER):
+            check_time()
+            part = slice(begin, begin + _TOGETHER)
+            some = self[part]
+            at = barycentric if barycentric.ndim == 2 else barycentric[part]
+            b = np.einsum(subscripts, at, some.corners() / some.n[:, None, None])
+            triangles = scene.triangles[some.triangle]
+            edges = triangles[:, 1:] - triangles[:, :1]
+            found[part] = triangles[:, :1] + np.einsum("ekx,exd->ekd", b, edges)
+        return found
 
 
 @lru_cache(maxsize=64)

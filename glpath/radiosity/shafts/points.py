@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from glpath.accel.bvh import Float64, Int32, build_bvh
 from glpath.radiosity.shafts.sorting import merge_sort
 from glpath.system.kernels import inner_kernel, kernel, kernel_part
+from glpath.system.time_limit import check_time
 
 #: Maximum number of points of a nested shaft, as a fraction of the enclosing shaft's points. Larger ranges get no
 #: shaft of their own.
@@ -93,7 +94,7 @@ def group_points(
     max_nodes = 4 * count + len(skip)
     boxes = np.empty((max_nodes, 6))
     skips, begin, end, of_polygon = np.empty((4, max_nodes), np.int64)
-    n, levels = _groups(
+    arrays = (
         np.ascontiguousarray(points),
         np.ascontiguousarray(polygon, np.int32),
         _Forest(skip, size[leaves], np.empty(len(skip) + 1, np.int64)),
@@ -101,6 +102,11 @@ def group_points(
         Groups(order, boxes, skips, begin, end, of_polygon, np.zeros((0, 3)), 0),
         _Workspace.of(count, max_nodes),
     )
+    state = np.zeros(5, np.int64)
+    while state[_ROOT] < len(skip):
+        check_time()
+        _groups(*arrays, state, _VISITS)
+    n, levels = state[:2].tolist()
     skips, begin, end, of_polygon = (a[:n].copy() for a in (skips, begin, end, of_polygon))
     normal = np.zeros((n, 3))
     if normals is not None:
@@ -156,29 +162,39 @@ class _Workspace(NamedTuple):
         return cls(pending, np.empty((1, 6)), np.empty(points), *np.empty((2, points), np.int64))
 
 
+# Number of points that one call of `_groups` visits, about a tenth of a second.
+_VISITS = 1 << 20
+# Index of the next root of the forest in the state of `_groups`.
+_ROOT = 3
+
+
 @kernel
-def _groups(points, polygon, forest, division, groups, work):  # type: ignore[no-untyped-def]
+def _groups(points, polygon, forest, division, groups, work, state, visits):  # type: ignore[no-untyped-def]
     """Fill the arrays of `groups` except the normals, and permute its order; see `group_points`.
 
-    Returns the number of groups, and the maximum number of nested groups that contain a point.
+    A call ends after about `visits` points, so that the caller can check the time, and the next call continues.
+
+    state : (5,) int64, first zeros: number of groups; maximum number of nested groups that contain a point; present
+            number; next root of the forest; number of ranges in `work.pending`
     """
     order, boxes, skips, begins, ends, polygons, _, _ = groups
     clump, group, nested = division
     skip, before, pending = forest.skip, forest.before, work.pending
-    before[0] = 0
-    leaf = 0
-    for node in range(len(skip)):
-        before[node + 1] = before[node]
-        if skip[node] == node + 1:
-            before[node + 1] += forest.size[leaf]
-            leaf += 1
+    n, levels, level, root, waiting = state[0], state[1], state[2], state[3], state[4]
+    if root == 0 and waiting == 0:
+        before[0] = 0
+        leaf = 0
+        for node in range(len(skip)):
+            before[node + 1] = before[node]
+            if skip[node] == node + 1:
+                before[node + 1] += forest.size[leaf]
+                leaf += 1
 
-    n, levels, level = 0, 0, 0
-    root = 0
-    while root < len(skip):
-        _push(pending, 0, root, before[root], before[skip[root]], 0)
-        waiting = 1
-        while waiting:
+    while root < len(skip) and visits > 0:
+        if waiting == 0:
+            _push(pending, 0, root, before[root], before[skip[root]], 0)
+            waiting = 1
+        while waiting and visits > 0:
             waiting -= 1
             node, begin, end, around = (
                 pending[waiting, 0], pending[waiting, 1], pending[waiting, 2], pending[waiting, 3]
@@ -188,6 +204,7 @@ def _groups(points, polygon, forest, division, groups, work):  # type: ignore[no
                 level -= 1
                 continue
             points_here = end - begin
+            visits -= points_here
             single = node < 0 or skip[node] == node + 1
             last = points_here <= clump
             made = last
@@ -226,8 +243,9 @@ def _groups(points, polygon, forest, division, groups, work):  # type: ignore[no
                 _push(pending, waiting, -1, middle, end, around)
                 _push(pending, waiting + 1, -1, begin, middle, around)
                 waiting += 2
-        root = skip[root]
-    return n, levels
+        if waiting == 0:
+            root = skip[root]
+    state[0], state[1], state[2], state[3], state[4] = n, levels, level, root, waiting
 
 
 @inner_kernel

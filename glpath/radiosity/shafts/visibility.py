@@ -33,6 +33,7 @@ from glpath.radiosity.shafts.points import Groups, group_points
 from glpath.radiosity.shafts.search import SearchTree, Settings, Step, Work, find_emitter_list
 from glpath.radiosity.shafts.shaft import CandidateLists
 from glpath.system.machine import core_count
+from glpath.system.time_limit import check_time
 
 
 class Prepared(NamedTuple):
@@ -99,6 +100,7 @@ class Visibility:
         groups = group_points(
             receivers.points, receivers.receiver, receivers.normals, receivers.polygons, o.clump, o.group, o.nested
         )
+        check_time()
         return Prepared(groups, lit_of(receivers, groups.order))
 
     def emitter_list(self, emitter: Emitter) -> tuple[Int32, NDArray[np.int8]]:

@@ -21,7 +21,7 @@ from glpath.io import AnyScene, load_scene
 from glpath.lights.lighting import Lighting
 from glpath.radiosity.form_factors.form_factor import Kind
 from glpath.radiosity.form_factors.transport import FormFactorOptions, Transport
-from glpath.radiosity.memory import available_bytes
+from glpath.radiosity.memory import available_bytes, enough_memory
 from glpath.radiosity.mesh.mesh import Mesh, divisions_of_size, size_for_count, surfaces
 from glpath.radiosity.mesh.quadtree import Detail
 from glpath.radiosity.mesh.reconstruct import resample
@@ -67,6 +67,7 @@ _VIEW_ERROR = 0.003
 #: `stop_rule` in the statistics of a solution, unless the time limit or Ctrl-C ended it.
 DONE = "done"
 # Names of the work before the first step, for the error message of a time limit.
+_LESS = "Take fewer patches, a larger size, fewer splits, or fewer receiver points."
 _MESHING, _PREPARING = "meshing the scene for its radiosity", "preparing the radiosity solver"
 #: Seconds between two reports.
 _REPORT_INTERVAL = 0.05
@@ -306,16 +307,16 @@ def solve_radiosity(
             mesh = Mesh.uniform(triangles, divisions, surface, splits)
             compile_ahead(needed)
             if method == "monte-carlo":
-                with without_limit_if_resumed(), named_work(_PREPARING):
+                with without_limit_if_resumed(), named_work(_PREPARING), enough_memory("solve_radiosity", _LESS):
                     shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive, threshold)
                 return _monte_carlo(run, shooting, particles, checkpoint)
             cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MAX))
             of_factors = FormFactorOptions(form_factors, emitter_samples, receiver_points)
-            with without_limit_if_resumed(), named_work(_PREPARING):
+            with without_limit_if_resumed(), named_work(_PREPARING), enough_memory("solve_radiosity", _LESS):
                 transport = Transport(mesh, of_factors, cache, shafts)
             if method == "matrix":
                 return _matrix(run, transport)
-            with without_limit_if_resumed(), named_work(_PREPARING):
+            with without_limit_if_resumed(), named_work(_PREPARING), enough_memory("solve_radiosity", _LESS):
                 refinement = Refinement(transport, overshoot)
             wanted = _Wanted(unshot, max_steps, adaptive, threshold, ambient)
             return _progressive(run, refinement, wanted, per_element, checkpoint)

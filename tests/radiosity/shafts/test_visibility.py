@@ -17,6 +17,7 @@ import glpath
 from glpath.errors import UsageError
 from glpath.io import load_scene
 from glpath.radiosity import PAPER, Emitter, Occluders, Receivers, ShaftOptions, Visibility, facing, visible
+from glpath.radiosity.shafts import points as shaft_points
 from glpath.radiosity.shafts.occluders import closed_shapes
 from glpath.radiosity.shafts.options import ORDERS, STRATEGIES
 from tests.support.visibility import visible_by_all
@@ -352,3 +353,16 @@ def test_an_option_of_shafts_that_there_is_not_is_answered(words, message):
 def test_particles_know_no_shafts():
     with pytest.raises(UsageError, match="particles are traced one by one"):
         glpath.solve_radiosity("cornell-box-36", method="monte-carlo", shafts=ShaftOptions())
+
+
+@pytest.mark.parametrize("options", [ShaftOptions(), ShaftOptions(nested=True), PAPER])
+def test_groups_made_in_many_calls_are_those_of_one(options: ShaftOptions, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    receivers = Receivers(rng.random((400, 3)), np.repeat(np.arange(50, dtype=np.int32), 8))
+    prepare = Visibility(Occluders.of_scene(load_scene("cornell-box")), options).prepare
+    whole = prepare(receivers).groups
+    monkeypatch.setattr(shaft_points, "_VISITS", 1)
+    parts = prepare(receivers).groups
+    assert parts.levels == whole.levels
+    for ours, theirs in zip(parts[:-1], whole[:-1], strict=True):  # all arrays
+        np.testing.assert_array_equal(ours, theirs)

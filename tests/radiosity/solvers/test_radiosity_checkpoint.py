@@ -273,6 +273,15 @@ def test_a_limit_that_ends_before_the_first_step_is_an_error(clock: Clock, monke
         solve_radiosity(BOX, time_limit=100.0, **METHODS[0])
 
 
+def test_too_little_memory_for_the_preparation_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def prepare(*_: Any) -> None:
+        raise MemoryError("Unable to allocate 1.21 GiB")
+
+    monkeypatch.setattr("glpath.radiosity.solvers.solve.Transport", prepare)
+    with pytest.raises(glpath.UsageError, match=r"there is not enough memory\. Unable to allocate 1\.21 GiB"):
+        solve_radiosity(BOX, **METHODS[0])
+
+
 def test_a_limit_soon_after_finer_lattices_began_keeps_the_particles_of_the_coarser_ones(clock: Clock) -> None:
     """The particles of a pass are lost if lattices are refined after it."""
     options: dict[str, Any] = {"method": "monte-carlo", "patches": 100, "particles": 12 << 14, "adaptive": 4}
