@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from glpath.errors import UsageError
+from glpath.errors import GlpathError, UsageError
 from glpath.system.machine import resource, status_bytes
 
 
@@ -44,11 +44,11 @@ def require_memory(need: float, what: str, remedy: str) -> None:
 
 @contextmanager
 def enough_memory(what: str, remedy: str) -> Iterator[None]:
-    """Context that turns a MemoryError into a UsageError, for memory that cannot be estimated before."""
+    """Context that turns a MemoryError into a GlpathError, for memory that cannot be estimated before."""
     try:
         yield
     except MemoryError as error:
-        raise UsageError(f"{what}: there is not enough memory. {error}".rstrip(), remedy) from error
+        raise GlpathError(f"{what}: there is not enough memory. {error}".rstrip(), remedy) from error
 
 
 def _size(count: float) -> str:

@@ -537,7 +537,7 @@ def check_writable(path: str | Path) -> None:
     try:
         with suppress(FileNotFoundError):
             os.lstat(folder / target.name)
-        new_file(folder, target).unlink()
+        new_file(folder, target, suffix=Path(path).suffix).unlink()
     except OSError as error:
         raise ImageError(f"{path}: the folder {folder} cannot be written to: {reason_of(error)}.") from error
 

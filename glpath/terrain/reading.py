@@ -496,7 +496,7 @@ def _check_las(file: BinaryIO, total: int) -> None:
     for number in range(extra):
         file.seek(extra_at)
         record = file.read(_LAS_RECORD_EXTENDED)
-        extra_at += _LAS_RECORD_EXTENDED + (int.from_bytes(record[20:28], "little") if record else 0)
+        extra_at += _LAS_RECORD_EXTENDED + int.from_bytes(record[20:28], "little")
         if extra_at > total:
             raise ValueError(f"record {number} behind its points is not in the file")
     stored = total - points_at

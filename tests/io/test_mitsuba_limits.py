@@ -187,7 +187,7 @@ def write_serialized(path: Path, meshes: int, same_start: bool) -> None:
 def test_name_of_a_serialized_mesh_that_has_no_end_is_an_error(tmp_path: Path) -> None:
     packed = struct.pack("<HH", 0x041C, 4) + zlib.compress(struct.pack("<I", 0x1000) + b"a" * 5000)
     (tmp_path / "a.serialized").write_bytes(packed + struct.pack("<QI", 0, 1))
-    with pytest.raises(SceneError, match=r"the name of a mesh has more than 4,091 bytes, or no end"):
+    with pytest.raises(SceneError, match=r"the name of a mesh has more than 4,075 bytes, or no end"):
         load(tmp_path, SERIALIZED.format(0))
 
 

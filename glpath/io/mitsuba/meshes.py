@@ -325,9 +325,9 @@ def _of_stream(packed: memoryview, version: int, source: str, files: SerializedF
     (flags,) = struct.unpack("<I", data[:4])
     at = 4
     if version >= 4:
-        end = data.find(b"\0", at)
+        end = data.find(b"\0", at, _SERIALIZED_HEAD - 16)
         if end < 0:
-            raise ValueError(f"the name of a mesh has more than {_SERIALIZED_HEAD - 5:,} bytes, or no end")
+            raise ValueError(f"the name of a mesh has more than {_SERIALIZED_HEAD - 21:,} bytes, or no end")
         at = end + 1
     vertex_count, face_count = struct.unpack("<QQ", data[at : at + 16])
     at += 16

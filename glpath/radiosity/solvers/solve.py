@@ -66,8 +66,11 @@ _MAX_BATCHES = 64
 _VIEW_ERROR = 0.003
 #: `stop_rule` in the statistics of a solution, unless the time limit or Ctrl-C ended it.
 DONE = "done"
+# Remedy for too little memory.
+_LESS = (
+    "Take a coarser mesh (fewer patches, fewer splits), or allow more memory (`ulimit -v`, the container's limit)."
+)
 # Names of the work before the first step, for the error message of a time limit.
-_LESS = "Take fewer patches, a larger size, fewer splits, or fewer receiver points."
 _MESHING, _PREPARING = "meshing the scene for its radiosity", "preparing the radiosity solver"
 #: Seconds between two reports.
 _REPORT_INTERVAL = 0.05

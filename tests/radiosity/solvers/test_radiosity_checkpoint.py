@@ -278,7 +278,7 @@ def test_too_little_memory_for_the_preparation_is_an_error(monkeypatch: pytest.M
         raise MemoryError("Unable to allocate 1.21 GiB")
 
     monkeypatch.setattr("glpath.radiosity.solvers.solve.Transport", prepare)
-    with pytest.raises(glpath.UsageError, match=r"there is not enough memory\. Unable to allocate 1\.21 GiB"):
+    with pytest.raises(glpath.GlpathError, match=r"there is not enough memory\. Unable to allocate 1\.21 GiB"):
         solve_radiosity(BOX, **METHODS[0])
 
 
