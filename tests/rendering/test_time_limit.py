@@ -365,3 +365,11 @@ def test_preparation_of_a_command_is_exempt_if_its_checkpoint_has_path_sets(
         clock.ahead = 9.0
         with nullcontext() if path_sets else pytest.raises(glpath.TimeLimitError), preparing_scene():
             check_time("building the BVH")
+
+
+def test_cylinders_whose_preparation_takes_longer_than_the_limit_are_refused_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("glpath.rendering.points._SECONDS_PER_DIRECTION", 1.0)
+    with pytest.raises(glpath.TimeLimitError, match="preparing the points would take about 32 s"):
+        glpath.irradiance("cornell-box", [[0.0, 0, 0]], [0.0, 1, 0], receiver="cylinder", time_limit=20.0)
