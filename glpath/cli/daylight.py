@@ -351,11 +351,11 @@ def daylight(
         rescue[beside.with_suffix(".npz").name] = found.save
         return found
 
-    if from_file and year is None and not shown:
-        raise UsageError(f"{scene}: has coefficients already.", "Give --weather, for a year.")
     if points is not None and str(points) == "-" and blinds is not None:
         raise UsageError("--points -: is read once, but --blinds needs the sensors again.", "Give a file.")
     source = source_of(scene)
+    if from_file and year is None and not shown:
+        raise UsageError(f"{scene}: has coefficients already.", "Give --weather, for a year.")
     closed = [checked(each) for each in blinds or ()]
     # Each checkpoint stays, and stays locked, until all outputs are saved, because a later step may fail.
     with ExitStack() as held:

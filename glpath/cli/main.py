@@ -40,6 +40,7 @@ from glpath.cli.signals import (
 from glpath.cli.typed import as_typed, remember_words, typed_words
 from glpath.errors import GlpathError, SceneWarning, UsageError, shortened, warning_scope
 from glpath.system.files import missing_current_folder, recorded_inputs
+from glpath.system.log import compilations
 from glpath.system.terminal import CleanHandler, has_no_reader, report_stream, say
 from glpath.system.time_limit import command_clock
 
@@ -153,7 +154,7 @@ def _warnings_and_logs_as_lines() -> Iterator[None]:
     # With --verbose, the logger "glpath" also passes messages below WARNING.
     own, details = logging.getLogger("glpath"), CleanHandler(logging.DEBUG)
     details.addFilter(lambda record: record.levelno < logging.WARNING)
-    level = own.level
+    levels = [(each, each.level) for each in (own, compilations.logger)]
     with warnings.catch_warnings():
         warnings.simplefilter("always", SceneWarning)
         warnings.showwarning = show
@@ -162,7 +163,8 @@ def _warnings_and_logs_as_lines() -> Iterator[None]:
         try:
             yield
         finally:
-            own.setLevel(level)
+            for each, level in levels:
+                each.setLevel(level)
             own.removeHandler(details)
             logging.getLogger().removeHandler(logs)
 

@@ -36,6 +36,7 @@ from glpath.io.completed import aside
 from glpath.system.files import is_stream
 from glpath.system.outputs import Save, check_outputs, save_all
 from glpath.system.reporting import duration
+from glpath.system.time_limit import preparing
 
 if TYPE_CHECKING:
     from glpath.cli.measured import Measured
@@ -213,12 +214,14 @@ def measure(
     loaded = maintained(lit(loaded, white_sky, ambient=options.get("ambient")), maintenance_factor)
     if daylight_factor:
         _check_makes_per_cent(loaded, receiver, options.get("ambient"))
-    if plane is not None:
-        at = grid_of(plane, spacing, area, loaded, margin=margin or 0.0, normal=vector("--normal", normal))
-    else:
-        assert points is not None, "asked above"
-        at = read_points(points, vector("--normal", normal))
-    check_within(at, loaded, f"--plane {plane}" if plane is not None else f"--points {points}")
+    facing = vector("--normal", normal)
+    with preparing("the points"):
+        if plane is not None:
+            at = grid_of(plane, spacing, area, loaded, margin=margin or 0.0, normal=facing)
+        else:
+            assert points is not None, "asked above"
+            at = read_points(points, facing)
+        check_within(at, loaded, f"--plane {plane}" if plane is not None else f"--points {points}")
     check_outputs(out, [scene, points])
 
     def start(run: RunOptions) -> Film:

@@ -205,6 +205,7 @@ def grid_of(
     start = lower + 0.5 * (size - counts * step) + 0.5 * step
     u, v = (start[i] + step[i] * np.arange(n) for i, n in enumerate((columns, rows)))
     u, v = np.meshgrid(u, v)
+    check_time()
     points = np.empty((rows * columns, 3))
     points[:, first], points[:, second], points[:, axis] = u.ravel(), v.ravel(), height
     along = (-1.0 if down else 1.0) * np.eye(3)[axis]
@@ -227,7 +228,9 @@ def check_within(at: Points, scene: Scene, option: str) -> None:
         return
     lower, upper = box.min(axis=0), box.max(axis=0)
     size = float((upper - lower).max())
+    check_time()
     gap = np.maximum(np.maximum(lower - at.points, at.points - upper), 0.0)
+    check_time()
     if not gap.any(axis=1).all():
         return
     nearest = gap[gap.max(axis=1).argmin()]

@@ -22,6 +22,7 @@ from glpath.cli.values import check_choice, interval, seconds
 from glpath.errors import UsageError, current_warnings
 from glpath.rendering.run_options import RunOptions
 from glpath.system.files import check_writable
+from glpath.system.log import compilations
 from glpath.system.machine import limit_threads
 from glpath.system.reporting import MODES
 from glpath.system.signals import TERMINATING_TEXT
@@ -177,6 +178,8 @@ class RunRequest:
             check_writable(self.stats)
         if self.keeps:
             resume_later()
+        if self.quiet:
+            compilations.setLevel(logging.ERROR)
         if self.verbose:
             logging.getLogger("glpath").setLevel(logging.INFO)
 

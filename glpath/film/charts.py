@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from glpath.errors import GlpathError, UsageError
 from glpath.system.private_interfaces import import_matplotlib_with_defaults
-from glpath.system.time_limit import in_command
+from glpath.system.time_limit import in_command, named_work
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -186,9 +186,10 @@ def require_matplotlib() -> None:
     figures of his own.
     """
     try:
-        if in_command():
-            import_matplotlib_with_defaults()
-        import matplotlib.figure  # noqa: F401
+        with named_work("loading matplotlib"):
+            if in_command():
+                import_matplotlib_with_defaults()
+            import matplotlib.figure  # noqa: F401
     except ImportError as error:
         raise GlpathError(
             f"matplotlib cannot be imported ({error}); figures are drawn with it.",

@@ -50,7 +50,7 @@ from glpath.scene import Scene
 from glpath.system.arguments import checked, short_repr
 from glpath.system.heartbeat import heartbeat
 from glpath.system.log import log
-from glpath.system.time_limit import check_time, preparing_scene, seconds_left, time_is_up
+from glpath.system.time_limit import check_time, preparing, seconds_left, time_is_up
 
 #: Target time of a chunk, seconds: long compared with the transfer of its film, but short, because the chunk of a
 #: lost worker is rendered again.
@@ -106,7 +106,7 @@ class Cluster(Connection):
         clock = begin(job, plan, scene, options, None, prepared=False)
         try:
             if not clock.ended_before():
-                with preparing_scene():
+                with preparing():
                     traced = plan.traceable(scene)
                 plan = prepare(job, plan, scene, traced, clock)
                 plan = _with_small_bias(plan, job, scene, traced, options, clock)

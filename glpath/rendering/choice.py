@@ -29,7 +29,7 @@ from glpath.integrators.whitted_settings import TBufferSettings
 from glpath.rendering.options import options, settings_of
 from glpath.scene import Environment, Scene, path_traceable
 from glpath.scene.emitted import emitted_radiance
-from glpath.system.time_limit import preparing_scene
+from glpath.system.time_limit import preparing
 
 #: Maximum number of triangles for a gather. For larger scenes, the radiosity solution takes longer than the image,
 #: most of all under a sky, to which each element casts rays. Processor seconds until an image looks clean, by paths
@@ -47,7 +47,7 @@ _IN_THIS_ORDER = (GatherSettings, PathSettings, PathBufferSettings, TBufferSetti
 _DEPTH_WITH_AMBIENT = 5
 
 
-@preparing_scene()
+@preparing()
 def chosen(
     integrator: str | IntegratorSettings, given: Mapping[str, Any], scene: Scene, pixels: float = math.inf
 ) -> IntegratorSettings:

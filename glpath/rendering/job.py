@@ -50,7 +50,7 @@ from glpath.system.arguments import check_count, check_word, short_repr
 from glpath.system.arguments import checked as checked_arguments
 from glpath.system.files import MAX_TEXT_BYTES, absolute_path, read_bytes, whole_file
 from glpath.system.suggestions import listed_names, name_fits, similar_names
-from glpath.system.time_limit import preparing_scene
+from glpath.system.time_limit import preparing
 
 Window = tuple[int, int, int, int]
 
@@ -358,7 +358,7 @@ def describe(
         loaded, starts = sensor.seen(loaded), sensor
     spp = settings.default_spp if spp is None else spp
     window = window_of(starts.resolution, crop)
-    with preparing_scene():
+    with preparing():
         source = SceneSource.of(scene, loaded, parameters)
     path_sets = (int(first_path_set), int(first_path_set) + int(spp))
     return RenderJob(source, settings, starts, window, path_sets), loaded

@@ -37,7 +37,7 @@ from glpath.scene.maintenance import maintained
 from glpath.sensors.sensor import PointSensor
 from glpath.system.arguments import check_word, checked, real_array
 from glpath.system.frames import data_frame, data_set
-from glpath.system.time_limit import check_time
+from glpath.system.time_limit import check_time, preparing
 
 Float64 = NDArray[np.float64]
 
@@ -49,7 +49,6 @@ Receiver = Literal["plane", "cylinder"]
 _AROUND = 32
 # Minimum time in seconds to prepare one direction of one point, for a time limit; 3.2e-7 were measured.
 _SECONDS_PER_DIRECTION = 2.5e-7
-_PREPARING = "preparing the points"
 # Maximum number of axes of a grid of points.
 _MAX_AXES = 9
 
@@ -238,18 +237,21 @@ def irradiance(
     """
     run_options, chosen = RunOptions.taken_from(options)
     check_word("receiver", receiver, get_args(Receiver))
-    positions, facing = checked_points(points, normals)
-    if receiver == "cylinder":
-        facing = _around(facing)
+    with preparing("the points"):
+        positions, facing = checked_points(points, normals)
+        if receiver == "cylinder":
+            facing = _around(facing)
     with aside("camera", "light"):
         loaded = load_scene(scene, parameters)
     loaded = maintained(lit(loaded, white_sky, ambient=chosen.get("ambient")), maintenance_factor)
+    with preparing("the points"):
+        sensor = _in_rows(positions, facing, loaded)
     job, loaded = describe(
         loaded,
         integrator=for_measuring(chosen, loaded) if integrator == AUTO else integrator,
         spp=run_options.spp(spp),
         first_path_set=first_path_set,
-        sensor=_in_rows(positions, facing, loaded),
+        sensor=sensor,
         **chosen,
     )
     return Irradiance(run_job(job, loaded, run_options), len(positions))
@@ -302,7 +304,9 @@ def checked_points(points: ArrayLike, normals: ArrayLike) -> tuple[Float64, Floa
     shapes = {positions.shape, (3,)}
     given = real_array("normals", normals, f"{positions.shape} or (3,)", shapes.__contains__)
     given = np.broadcast_to(given, positions.shape)
+    check_time()
     facing = unit_normals(given)
+    check_time()
     for what, found, wrong, allowed in (
         (
             "points",
@@ -323,13 +327,13 @@ def _around(axes: Float64) -> Float64:
 
     Raises TimeLimitError.
     """
-    check_time(_PREPARING, _SECONDS_PER_DIRECTION * _AROUND * len(axes))
+    check_time(estimate=_SECONDS_PER_DIRECTION * _AROUND * len(axes))
     beside = np.cross(axes, np.eye(3)[np.argmin(np.abs(axes), axis=1)])
     beside /= np.linalg.norm(beside, axis=1, keepdims=True)
     across = np.cross(axes, beside)
     found = np.empty((_AROUND, *axes.shape))
     for direction, angle in zip(found, 2 * np.pi * (np.arange(_AROUND) + 0.5) / _AROUND, strict=True):
-        check_time(_PREPARING)
+        check_time()
         direction[:] = np.cos(angle) * beside + np.sin(angle) * across
     return found
 
@@ -348,8 +352,8 @@ def _in_rows(positions: Float64, facing: Float64, scene: Scene) -> PointSensor:
     positions = np.broadcast_to(positions, facing.shape)
     rows = []
     for each in (positions, facing):
-        check_time(_PREPARING)
+        check_time()
         rows.append(np.pad(each, more, mode="edge").reshape(-1, height, width, 3))
-    check_time(_PREPARING)
+    check_time()
     x, y, z = origin.tolist()
     return PointSensor.of(*rows, shutter=scene.camera.shutter, independent=True, origin=(x, y, z))

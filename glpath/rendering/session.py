@@ -28,7 +28,7 @@ from glpath.rendering.tiles import Tile, cover
 from glpath.scene import Scene, check_scene
 from glpath.sensors.sensor import CameraSensor
 from glpath.system.machine import return_memory
-from glpath.system.time_limit import count_earlier, counted_from, named_work, preparing_scene
+from glpath.system.time_limit import count_earlier, counted_from, named_work, preparing
 from glpath.system.versions import versions
 
 
@@ -61,7 +61,7 @@ class Session:
         self._plan = checked_plan(job, scene) if plan is None else plan
         self._checks_bias = plan is None  # the bias of a given plan was checked before
         self._probe: BiasProbe | None = None
-        with preparing_scene():
+        with preparing():
             self._traced = self._plan.traceable(scene)
         self._engine: Engine | None = None
         self._tiles: list[Tile] = []
@@ -229,7 +229,7 @@ def _differs(before: RenderJob, job: RenderJob, scene: Scene) -> bool:
 def checked_plan(job: RenderJob, scene: Scene) -> Plan:
     """Return the plan of a job's integrator. Warns of a scene that is not rendered as intended."""
     plan = plan_of(job.integrator)
-    with preparing_scene():
+    with preparing():
         texts = check_scene(scene, isinstance(job.sensor, CameraSensor)) + plan.warnings(scene)
     for text in texts:
         warn(text)
@@ -256,7 +256,7 @@ def begin(
     """
     if options.clean is not None:
         _check_denoisable(job)
-    with preparing_scene():
+    with preparing():
         metadata = metadata_of(job, plan, scene, context)
     film = options.film
     if film is None:

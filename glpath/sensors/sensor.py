@@ -18,6 +18,7 @@ from glpath.scene.centre import moved_camera, origin_of
 from glpath.scene.choices import Projection
 from glpath.scene.geometry import LARGEST
 from glpath.scene.model import Camera, Scene
+from glpath.system.time_limit import check_time
 
 Vector = tuple[float, float, float]
 Float32 = NDArray[np.float32]
@@ -147,6 +148,7 @@ class PointTables:
         for name in ("positions", "normals", "valid", "shading"):
             array = getattr(self, name)
             if array is not None:
+                check_time()
                 h.update(f"{name} {array.dtype} {array.shape} ".encode())
                 h.update(np.ascontiguousarray(array).data)
         if any(self.origin):
@@ -214,10 +216,11 @@ class PointSensor:
                           coordinates near them
 
         Invalid points may have any values. Raises UsageError for shapes that do not match, numbers that are not
-        finite, normals that are not unit, or no valid point.
+        finite, normals that are not unit, or no valid point. Raises TimeLimitError.
         """
         if origin is None:
             positions, origin = _near_origin(positions, valid)
+        check_time()
         position = _table("positions", positions)
         if 0 in position.shape:
             raise UsageError(f"points: an array of shape {position.shape}, in which there is none.")
@@ -230,10 +233,12 @@ class PointSensor:
         directions = [_directions("normals", normals, position, inside)]
         if shading_normals is not None:
             directions.append(_directions("shading_normals", shading_normals, position, inside))
+        check_time()
         # One table at a time, because there may be many tables.
         edges = np.array([(some.min(axis=0), some.max(axis=0)) for some in (table[inside] for table in position)])
         if not np.isfinite(edges).all():
             raise UsageError("points: a position is not finite.")
+        check_time()
         low, high = edges[:, 0].min(axis=0).astype(np.float64), edges[:, 1].max(axis=0).astype(np.float64)
         position = np.where(inside[..., None], position, np.float32(0.0))
         x, y, z = map(float, origin)
@@ -371,6 +376,7 @@ def _directions(name: str, given: ArrayLike, positions: Float32, valid: NDArray[
         raise UsageError(f"points: {name} of shape {array.shape} do not go with positions of {positions.shape}.")
     unit = np.empty(array.shape, np.float32)
     for found, table in zip(unit, array, strict=True):  # one table at a time, because there may be many
+        check_time()
         length = np.linalg.norm(table.astype(np.float64), axis=-1)
         # Do not test for any length that differs by more: a NaN would pass that test.
         if not (np.abs(length - 1.0) <= _UNIT)[valid].all():

@@ -14,7 +14,7 @@ from typing import Any
 
 from glpath.system.bounded_reading import without_bounds
 from glpath.system.kernel_cache import NUMBA, KernelCache
-from glpath.system.log import log
+from glpath.system.log import compilations
 from glpath.system.private_interfaces import (
     NUMBA_OPTIONS,
     NUMBA_WITHOUT_PYTHON,
@@ -142,8 +142,7 @@ class _Compilations:
         if self.report is not None:
             self.report(text)
         else:
-            # A warning, because logging shows only warnings by default.
-            log.warning("%s", text)
+            compilations.warning("%s", text)
 
 
 _compilations = _Compilations()

@@ -31,3 +31,5 @@ class ReportLog(logging.LoggerAdapter[logging.Logger]):
 
 #: Log of all modules.
 log = ReportLog(logging.getLogger("glpath"))
+#: Log of compilations. Their messages are warnings, because logging shows only warnings by default.
+compilations = ReportLog(logging.getLogger("glpath.compilations"))

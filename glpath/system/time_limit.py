@@ -227,9 +227,12 @@ def named_work(doing: str) -> Iterator[None]:
 
 
 @contextmanager
-def preparing_scene() -> Iterator[None]:
-    """Context for work on a loaded scene before a render, without a limit if the caller has an earlier result."""
-    with without_limit_if_resumed(), named_work("preparing the scene"):
+def preparing(what: str = "the scene") -> Iterator[None]:
+    """Context for work before the first result, without a limit if the caller has the result of an earlier run.
+
+    what : what is prepared, for messages
+    """
+    with without_limit_if_resumed(), named_work(f"preparing {what}"):
         yield
 
 

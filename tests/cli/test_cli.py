@@ -22,6 +22,7 @@ from typer.testing import CliRunner
 import glpath
 from glpath import rendering
 from glpath.cli.main import Commands, app
+from glpath.cli.scene import read_scene
 from glpath.compare import Picture
 from glpath.errors import ContextError, SceneWarning
 from glpath.film import denoise
@@ -36,6 +37,7 @@ from glpath.rendering.calls import reporting_to
 from glpath.rendering.progress import reporting
 from glpath.rendering.run_options import RunOptions
 from glpath.scene import Scene
+from glpath.system.log import compilations
 from glpath.system.reporting import duration, percent
 from glpath.system.signals import TERMINATING
 from tests.conftest import MakeFilm
@@ -488,6 +490,19 @@ def test_a_scene_that_is_not_there_is_named(renderer: Renderer, tmp_path: Path) 
 def test_quiet_is_silent(renderer: Renderer, tmp_path: Path) -> None:
     result = run("render", "furnace", "-o", tmp_path / "a.png", "-q")
     assert (result.exit_code, result.output) == (0, "")
+
+
+@pytest.mark.parametrize("quiet", [True, False])
+def test_quiet_hides_compilations(
+    renderer: Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quiet: bool
+) -> None:
+    def compile_and_read(*arguments: Any) -> glpath.Scene:
+        compilations.warning("compiling kernels")
+        return read_scene(*arguments)
+
+    monkeypatch.setattr("glpath.cli.scene.read_scene", compile_and_read)
+    result = run("render", "furnace", "-o", tmp_path / "a.png", *("-q" for _ in range(quiet)))
+    assert ("compiling kernels" in result.output) is not quiet
 
 
 def test_verbose_tells_settings_and_stages(renderer: Renderer, tmp_path: Path) -> None:

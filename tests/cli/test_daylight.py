@@ -132,6 +132,7 @@ def test_a_year_from_the_scene_and_from_its_coefficients(tmp_path: Path, sensors
     assert done.exit_code == 0, done.output
     assert "sDA300/50%: " in done.output
     assert again.read_bytes() == csv.read_bytes()
+    assert "has coefficients already" in run(dc, "-o", tmp_path / "other.npz").output
     assert csv.read_text().startswith("x,y,z,nx,ny,nz,daylight_autonomy,")
 
 
@@ -151,7 +152,7 @@ def test_wrong_usage_of_a_year_is_refused_before_anything_is_computed(tmp_path: 
             for typed in (("--occupied", "garbage"), ("--threshold", -5), ("--ground", 7))
         ),
         ((*year[:2], tmp_path / "dc.npz", "--points", sensors, "--no-hours"), "--hours/--no-hours: is of a year"),
-        ((tmp_path / "dc.npz", "-o", tmp_path / "other.npz"), "has coefficients already"),
+        ((tmp_path / "none.npz", "-o", tmp_path / "other.npz"), "there is no such file"),
         (("cornell-box", "-o", tmp_path / "year.txt", "--points", sensors, "--weather", epw), ".nc or .csv"),
     ):
         done = run(*wrong)

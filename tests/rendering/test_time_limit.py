@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pydoc
 import re
 import warnings
 from collections.abc import Callable, Iterator
@@ -21,7 +22,7 @@ from glpath.cli.unattended import checkpointed
 from glpath.rendering import loop
 from glpath.rendering.factory import UNGUIDED
 from glpath.rendering.run_options import RunOptions
-from glpath.system.time_limit import check_time, limited, preparing_scene, seconds_left
+from glpath.system.time_limit import check_time, limited, preparing, seconds_left
 from tests.conftest import MakeFilm
 from tests.support.clock import Clock
 
@@ -363,7 +364,7 @@ def test_preparation_of_a_command_is_exempt_if_its_checkpoint_has_path_sets(
     request = RunRequest(resume=True)
     with limited(1.0), checkpointed([tmp_path / "a.npz"], request):
         clock.ahead = 9.0
-        with nullcontext() if path_sets else pytest.raises(glpath.TimeLimitError), preparing_scene():
+        with nullcontext() if path_sets else pytest.raises(glpath.TimeLimitError), preparing():
             check_time("building the BVH")
 
 
@@ -373,3 +374,22 @@ def test_cylinders_whose_preparation_takes_longer_than_the_limit_are_refused_at_
     monkeypatch.setattr("glpath.rendering.points._SECONDS_PER_DIRECTION", 1.0)
     with pytest.raises(glpath.TimeLimitError, match="preparing the points would take about 32 s"):
         glpath.irradiance("cornell-box", [[0.0, 0, 0]], [0.0, 1, 0], receiver="cylinder", time_limit=20.0)
+
+
+@pytest.mark.parametrize(
+    "step",
+    ["glpath.rendering.points.unit_normals", "glpath.sensors.sensor._table"],
+)
+def test_a_time_limit_ends_each_step_of_preparing_points(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    work = pydoc.locate(step)
+    assert callable(work)
+
+    def slow(*arguments: Any) -> Any:
+        clock.ahead = 9.0
+        return work(*arguments)
+
+    monkeypatch.setattr(step, slow)
+    with pytest.raises(glpath.TimeLimitError, match="over while preparing the points"):
+        glpath.irradiance("cornell-box", [[0.0, 0, 0]], [0.0, 1, 0], spp=1, time_limit=2.0)

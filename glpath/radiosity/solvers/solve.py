@@ -46,6 +46,7 @@ from glpath.system.time_limit import (
     limited,
     mark_resumed,
     named_work,
+    preparing,
     time_is_up,
     without_limit,
     without_limit_if_resumed,
@@ -71,7 +72,7 @@ _LESS = (
     "Take a coarser mesh (fewer patches, fewer splits), or allow more memory (`ulimit -v`, the container's limit)."
 )
 # Names of the work before the first step, for the error message of a time limit.
-_MESHING, _PREPARING = "meshing the scene for its radiosity", "preparing the radiosity solver"
+_MESHING = "meshing the scene for its radiosity"
 #: Seconds between two reports.
 _REPORT_INTERVAL = 0.05
 
@@ -310,16 +311,16 @@ def solve_radiosity(
             mesh = Mesh.uniform(triangles, divisions, surface, splits)
             compile_ahead(needed)
             if method == "monte-carlo":
-                with without_limit_if_resumed(), named_work(_PREPARING), enough_memory("solve_radiosity", _LESS):
+                with preparing("the radiosity solver"), enough_memory("solve_radiosity", _LESS):
                     shooting = monte_carlo.Shooting(mesh, seed, for_camera, adaptive, threshold)
                 return _monte_carlo(run, shooting, particles, checkpoint)
             cache = int(min(_CACHE_SHARE * available_bytes(), _CACHE_MAX))
             of_factors = FormFactorOptions(form_factors, emitter_samples, receiver_points)
-            with without_limit_if_resumed(), named_work(_PREPARING), enough_memory("solve_radiosity", _LESS):
+            with preparing("the radiosity solver"), enough_memory("solve_radiosity", _LESS):
                 transport = Transport(mesh, of_factors, cache, shafts)
             if method == "matrix":
                 return _matrix(run, transport)
-            with without_limit_if_resumed(), named_work(_PREPARING), enough_memory("solve_radiosity", _LESS):
+            with preparing("the radiosity solver"), enough_memory("solve_radiosity", _LESS):
                 refinement = Refinement(transport, overshoot)
             wanted = _Wanted(unshot, max_steps, adaptive, threshold, ambient)
             return _progressive(run, refinement, wanted, per_element, checkpoint)
