@@ -27,7 +27,7 @@ from benchmarks.verdict import machine  # noqa: E402
 from glpath.system.versions import versions  # noqa: E402
 
 #: What runs in minutes, and touches each dependency.
-TESTS = ("cli", "film", "io", "pytest_plugin", "radiosity", "rendering", "scene", "system")
+TESTS = ("cli", "film", "io", "apps/image_tests", "radiosity", "rendering", "scene", "system")
 #: What the tests cannot do without; of the rest what has no wheel is left out.
 NEEDED = ("pytest>=8", "pytest-xdist>=3.6", "hypothesis>=6.136", "filelock>=3.12", "packaging", "PyYAML>=6")
 _COUNT = re.compile(r"(\d+) (passed|failed|skipped|error)")

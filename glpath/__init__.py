@@ -13,13 +13,18 @@ TYPE_CHECKING = False  # without an import of typing, because Ctrl-C during it w
 if TYPE_CHECKING:
     from typing import Any
 
-    from glpath.bake.lightmap import Lightmap, lightmap
-    from glpath.bake.probes import Probes, probes
+    from glpath.apps.daylight.coefficients import DaylightCoefficients
+    from glpath.apps.daylight.compute import daylight_coefficients
+    from glpath.apps.daylight.texels import Texels, texels
+    from glpath.apps.daylight.year import DaylightYear, daylight_year
+    from glpath.apps.lightmap.lightmap import Lightmap, lightmap
+    from glpath.apps.probes import Probes, probes
+    from glpath.apps.terrain.height_field import HeightField
+    from glpath.apps.terrain.horizon import Horizon, horizon
+    from glpath.apps.terrain.reading import load_height_field, load_point_cloud
+    from glpath.apps.view_factors.compute import ViewFactorProgress, view_factors
+    from glpath.apps.view_factors.result import ViewFactors
     from glpath.compare import relative_mse
-    from glpath.daylight.coefficients import DaylightCoefficients
-    from glpath.daylight.compute import daylight_coefficients
-    from glpath.daylight.texels import Texels, texels
-    from glpath.daylight.year import DaylightYear, daylight_year
     from glpath.errors import (
         ContextError,
         GlpathError,
@@ -36,17 +41,12 @@ if TYPE_CHECKING:
     from glpath.io.export import export
     from glpath.radiosity.solution import RadiositySolution
     from glpath.radiosity.solvers.solve import RadiosityInterrupted, RadiosityProgress, solve_radiosity
-    from glpath.radiosity.view_factors.compute import ViewFactorProgress, view_factors
-    from glpath.radiosity.view_factors.result import ViewFactors
     from glpath.rendering import ElementError, RenderInterrupted, element_error, render, render_frames
     from glpath.rendering.points import Irradiance, irradiance
     from glpath.rendering.progress import Progress
     from glpath.rendering.views import Views, render_views
     from glpath.scene import Scene
     from glpath.scene.camera_matrices import camera
-    from glpath.terrain.height_field import HeightField
-    from glpath.terrain.horizon import Horizon, horizon
-    from glpath.terrain.reading import load_height_field, load_point_cloud
 
     __version__: str
 
@@ -54,17 +54,17 @@ if TYPE_CHECKING:
 # function in this package as soon as it is imported.
 _HOME = {
     "ContextError": "errors",
-    "DaylightCoefficients": "daylight.coefficients",
-    "DaylightYear": "daylight.year",
+    "DaylightCoefficients": "apps.daylight.coefficients",
+    "DaylightYear": "apps.daylight.year",
     "ElementError": "rendering",
     "Film": "film.film",
     "GlpathError": "errors",
-    "HeightField": "terrain.height_field",
-    "Horizon": "terrain.horizon",
+    "HeightField": "apps.terrain.height_field",
+    "Horizon": "apps.terrain.horizon",
     "ImageError": "errors",
     "Irradiance": "rendering.points",
-    "Lightmap": "bake.lightmap",
-    "Probes": "bake.probes",
+    "Lightmap": "apps.lightmap.lightmap",
+    "Probes": "apps.probes",
     "Progress": "rendering.progress",
     "RadiosityInterrupted": "radiosity.solvers.solve",
     "RadiosityProgress": "radiosity.solvers.solve",
@@ -75,32 +75,32 @@ _HOME = {
     "SceneWarning": "errors",
     "ShaderError": "errors",
     "StrictError": "errors",
-    "Texels": "daylight.texels",
+    "Texels": "apps.daylight.texels",
     "TimeLimitError": "errors",
     "UsageError": "errors",
-    "ViewFactorProgress": "radiosity.view_factors.compute",
-    "ViewFactors": "radiosity.view_factors.result",
+    "ViewFactorProgress": "apps.view_factors.compute",
+    "ViewFactors": "apps.view_factors.result",
     "Views": "rendering.views",
     "camera": "scene.camera_matrices",
-    "daylight_coefficients": "daylight.compute",
-    "daylight_year": "daylight.year",
+    "daylight_coefficients": "apps.daylight.compute",
+    "daylight_year": "apps.daylight.year",
     "element_error": "rendering",
     "export": "io.export",
-    "horizon": "terrain.horizon",
+    "horizon": "apps.terrain.horizon",
     "irradiance": "rendering.points",
-    "lightmap": "bake.lightmap",
-    "load_height_field": "terrain.reading",
-    "load_point_cloud": "terrain.reading",
+    "lightmap": "apps.lightmap.lightmap",
+    "load_height_field": "apps.terrain.reading",
+    "load_point_cloud": "apps.terrain.reading",
     "load_scene": "io",
-    "probes": "bake.probes",
+    "probes": "apps.probes",
     "read_image": "film.film",
     "relative_mse": "compare",
     "render": "rendering",
     "render_frames": "rendering",
     "render_views": "rendering.views",
     "solve_radiosity": "radiosity.solvers.solve",
-    "texels": "daylight.texels",
-    "view_factors": "radiosity.view_factors.compute",
+    "texels": "apps.daylight.texels",
+    "view_factors": "apps.view_factors.compute",
 }
 
 __all__ = [

@@ -20,7 +20,7 @@ from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata
 from tests.support.repository import TESTS
 
-# A project of its own; `test_pytest_plugin` runs it.
+# A project of its own; `test_plugin` of the image tests runs it.
 collect_ignore = ["example_project"]
 
 MakeFilm = Callable[..., Film]

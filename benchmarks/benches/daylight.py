@@ -27,11 +27,11 @@ from benchmarks.peers import radiance
 from benchmarks.scenes.city import City
 from benchmarks.scenes.daylit_office import as_toml, office, sensors
 from benchmarks.verdict import Condition, Report, judge, machine
-from glpath.daylight.coefficients import DaylightCoefficients
-from glpath.daylight.compute import daylight_coefficients
-from glpath.daylight.hourly_skies import HourlySkies
-from glpath.daylight.metrics import AUTONOMY, daylight_autonomy, spatial_autonomy
-from glpath.daylight.year import GROUND, daylight_year
+from glpath.apps.daylight.coefficients import DaylightCoefficients
+from glpath.apps.daylight.compute import daylight_coefficients
+from glpath.apps.daylight.hourly_skies import HourlySkies
+from glpath.apps.daylight.metrics import AUTONOMY, daylight_autonomy, spatial_autonomy
+from glpath.apps.daylight.year import GROUND, daylight_year
 from glpath.errors import GlpathError
 from glpath.gl.context import open_context
 from glpath.io import scene_from_dict

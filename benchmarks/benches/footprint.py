@@ -39,7 +39,7 @@ _PLUGIN = """
 import sys, time
 import pytest
 before, started = len(sys.modules), time.process_time()
-import glpath.pytest_plugin
+import glpath.apps.image_tests
 print(time.process_time() - started, len(sys.modules) - before)
 """
 

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from benchmarks.peers.embree import embreex_triangles
 from benchmarks.verdict import Condition, Report, judge, machine
+from glpath.apps.terrain.height_field import HeightField
+from glpath.apps.terrain.horizon import AZIMUTHS, Horizon, horizon
 from glpath.errors import GlpathError
 from glpath.system.machine import core_count, peak_resident_bytes
 from glpath.system.versions import versions
-from glpath.terrain.height_field import HeightField
-from glpath.terrain.horizon import AZIMUTHS, Horizon, horizon
 
 Float64 = NDArray[np.float64]
 Row = dict[str, Any]

@@ -41,7 +41,7 @@ _SUITE = Path(__file__).resolve().parents[1] / "image_suite"
 _CHECKOUT = _SUITE.parents[1]
 
 _MPL = ("by_pytest_mpl.py", "-p", "pytest_mpl.plugin")
-_GLPATH = ("by_glpath.py", "-p", "glpath.pytest_plugin")
+_GLPATH = ("by_glpath.py", "-p", "glpath.apps.image_tests")
 _COMPARES = {
     "pytest_mpl": (*_MPL, "--mpl", "--mpl-baseline-path=mpl", "--mpl-results-path=mpl-results"),
     "glpath": _GLPATH,

@@ -36,7 +36,7 @@ from benchmarks.peers import mitsuba as mitsuba_peer
 from benchmarks.references.kept import reference_folder
 from benchmarks.scenes.leaky_rooms import ROOMS, room
 from benchmarks.verdict import Condition, Report, judge, machine
-from glpath.bake.lightmap import Bake
+from glpath.apps.lightmap.lightmap import Bake
 from glpath.errors import GlpathError, SceneWarning, UsageError
 from glpath.film.film import Film
 from glpath.film.noise import standard_error

@@ -40,16 +40,16 @@ from scipy.ndimage import binary_erosion, gaussian_filter
 from benchmarks.peers import cycles as cycles_peer
 from benchmarks.peers.mitsuba import comparable
 from benchmarks.verdict import Condition, Report, faults, judge, machine
-from glpath.bake.atlas import packed
-from glpath.bake.lightmap import Lightmap
-from glpath.bake.sides import Sides
-from glpath.bake.surfaces import AtlasSurfaces
+from glpath.apps.lightmap.atlas import packed
+from glpath.apps.lightmap.lightmap import Lightmap
+from glpath.apps.lightmap.surfaces import AtlasSurfaces
 from glpath.errors import GlpathError
 from glpath.film.image import luminance
 from glpath.gl.context import Context, get_context
 from glpath.io import load_scene
 from glpath.rendering import run
 from glpath.rendering.job import describe
+from glpath.rendering.sides import Sides
 from glpath.scene.model import Float64
 from glpath.scene.triangulate import path_traceable
 from glpath.system.machine import peak_resident_bytes

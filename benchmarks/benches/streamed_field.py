@@ -1,7 +1,7 @@
 """A height field as a stream of triangles: visibility of 145 sky patches from a million points, in 256 MiB.
 
-The field is that of `height_field`; its triangles are a .npy file in tiles. One pass over the file finds the
-visibility (`glpath.daylight.visibility`): parts of the triangles, each as large as the budget allows, get a BVH one
+The field is that of `height_field`; its triangles are a .npy file in tiles. `glpath.apps.daylight.visibility` finds
+the visibility in one pass over the file: parts of the triangles, each as large as the budget allows, get a BVH one
 after another.
 
 A law is fitted to two smaller fields with as many points: core seconds for each triangle that is read and put into
@@ -29,8 +29,9 @@ import numpy as np
 
 from benchmarks.benches.height_field import OFFSET, hills, points_on
 from benchmarks.verdict import Condition, Report, faults, judge, machine
-from glpath.daylight.compute import DaylightProgress, daylight_coefficients
-from glpath.daylight.visibility import PointVisibility
+from glpath.apps.daylight.compute import DaylightProgress, daylight_coefficients
+from glpath.apps.daylight.visibility import PointVisibility
+from glpath.apps.terrain.height_field import HeightField
 from glpath.gl.context import get_context
 from glpath.gl.stream_parts import StreamParts
 from glpath.io import scene_from_dict
@@ -38,7 +39,6 @@ from glpath.scene import Scene, path_traceable
 from glpath.scene.model import Float64
 from glpath.system.machine import core_count, peak_resident_bytes, return_memory
 from glpath.system.versions import versions
-from glpath.terrain.height_field import HeightField
 
 Row = dict[str, Any]
 Say = Callable[[str], None]
@@ -139,7 +139,7 @@ def resumes(scene: Scene, points: Float64, budget: int, folder: Path) -> bool:
             if len(seen) == 2:
                 raise KeyboardInterrupt
 
-    from glpath.daylight import kept_words
+    from glpath.apps.daylight import kept_words
 
     seconds, kept_words._PASS_SECONDS = kept_words._PASS_SECONDS, 0.0
     try:

@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 from benchmarks.peers import other_python
 from benchmarks.verdict import Condition, Report, faults, judge, machine
 from benchmarks.view_factor_scenes import CLOSED_FORMS, block_in_a_room, city
+from glpath.apps.view_factors.compute import ViewFactorProgress, view_factors
 from glpath.errors import GlpathError
-from glpath.radiosity.view_factors.compute import ViewFactorProgress, view_factors
 from glpath.system.machine import core_count, peak_resident_bytes
 from glpath.system.versions import versions
 

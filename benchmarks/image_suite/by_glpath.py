@@ -9,7 +9,7 @@ import pytest
 from benchmarks.image_suite.figures import CASES, figure_of
 
 if TYPE_CHECKING:
-    from glpath.pytest_plugin.regression import RenderRegression
+    from glpath.apps.image_tests.regression import RenderRegression
 
 
 @pytest.mark.render_regression(style="classic", backend="agg")

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.peers import other_python
-from glpath.bake.surfaces import AtlasSurfaces
+from glpath.apps.lightmap.surfaces import AtlasSurfaces
 from glpath.errors import GlpathError
 from glpath.film.film import read_image
 from glpath.scene.model import Float64, Scene

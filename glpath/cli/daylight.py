@@ -34,12 +34,12 @@ from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
+    from glpath.apps.daylight.checkpoint import DaylightCheckpoint
+    from glpath.apps.daylight.coefficients import DaylightCoefficients
+    from glpath.apps.daylight.compute import DaylightProgress
+    from glpath.apps.daylight.receivers import Receiver
+    from glpath.apps.daylight.texels import Texels
     from glpath.cli.point_files import Points
-    from glpath.daylight.checkpoint import DaylightCheckpoint
-    from glpath.daylight.coefficients import DaylightCoefficients
-    from glpath.daylight.compute import DaylightProgress
-    from glpath.daylight.receivers import Receiver
-    from glpath.daylight.texels import Texels
     from glpath.scene import Scene
 
 _POINTS, _SKY, _BOUNCES, _YEAR = "Points", "Sun and sky", "Reflected light", "The year"
@@ -275,8 +275,8 @@ def daylight(
     rescue: dict[str, Save] = {}
 
     def computed(loaded: Scene, at: Points, beside: Path) -> DaylightCoefficients:
-        from glpath.daylight.checkpoint import DaylightCheckpoint
-        from glpath.daylight.kept_words import kept_beside
+        from glpath.apps.daylight.checkpoint import DaylightCheckpoint
+        from glpath.apps.daylight.kept_words import kept_beside
 
         if run.resume:
             checkpoints.append(held.enter_context(DaylightCheckpoint(kept_beside(beside))))
@@ -305,7 +305,7 @@ def daylight(
         """Return the coefficients of a file, or a scene with its sensors, so that errors come before long work."""
         nonlocal of_texels
         if which.lower().endswith(".npz"):
-            from glpath.daylight.coefficients import DaylightCoefficients
+            from glpath.apps.daylight.coefficients import DaylightCoefficients
 
             found = DaylightCoefficients.load(which)
             if found.shard is not None:
@@ -440,7 +440,7 @@ def _computed(
     """
 
     def compute() -> DaylightCoefficients:
-        from glpath.daylight.compute import daylight_coefficients
+        from glpath.apps.daylight.compute import daylight_coefficients
 
         with workers_of(run.cluster) as workers, reporting(run.mode, sys.stderr, _event) as report:
             return daylight_coefficients(

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from glpath.daylight.coefficients import DaylightCoefficients
-    from glpath.daylight.texels import Texels
-    from glpath.daylight.year import DaylightYear
+    from glpath.apps.daylight.coefficients import DaylightCoefficients
+    from glpath.apps.daylight.texels import Texels
+    from glpath.apps.daylight.year import DaylightYear
     from glpath.scene import Scene
 
 TEXELS = "texels"
@@ -49,7 +49,7 @@ class TexelRequest:
 
     def of(self, scene: Scene) -> Texels:
         """Return the texels of a scene. Raises UsageError and SceneError, as `texels` does."""
-        from glpath.daylight.texels import texels
+        from glpath.apps.daylight.texels import texels
 
         return texels(scene, self.size, shapes=self.shapes)
 

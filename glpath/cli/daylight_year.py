@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from glpath.daylight.coefficients import DaylightCoefficients
-    from glpath.daylight.year import DaylightYear
+    from glpath.apps.daylight.coefficients import DaylightCoefficients
+    from glpath.apps.daylight.year import DaylightYear
     from glpath.io.weather import Weather
 
 
@@ -43,7 +43,7 @@ class YearRequest:
 
         blinds : coefficients of the scene with blinds closed, one for each group of windows
         """
-        from glpath.daylight.year import year_of
+        from glpath.apps.daylight.year import year_of
 
         return year_of(coefficients, self.weather, tuple(blinds), self.occupied, self.threshold, self.ground)
 
@@ -74,14 +74,14 @@ def year_request(
                 f"{path}: daylight coefficients are written as .npz.",
                 "Name the file dc.npz, say; .nc and .csv are of a year: give --weather.",
             )
-        from glpath.daylight.year import check_suffix
+        from glpath.apps.daylight.year import check_suffix
 
         check_suffix(path)
     if weather is None:
         return None
     if latitude is not None:
         raise UsageError("--latitude: says nothing beside --weather, whose site has one.", "Leave it out.")
-    from glpath.daylight.year import check_settings, occupied_hours
+    from glpath.apps.daylight.year import check_settings, occupied_hours
     from glpath.io.weather import read_weather
 
     period = _hours(occupied)

@@ -24,7 +24,7 @@ from glpath.system.terminal import say
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from glpath.terrain.horizon import Horizon
+    from glpath.apps.terrain.horizon import Horizon
 
 _QUANTITIES = ("sky-view-factor", "sun-hours", "irradiation")
 _SURFACES = ("horizontal", "slope")
@@ -132,10 +132,10 @@ def horizon(
     """
     import time
 
-    from glpath.terrain.horizon import AZIMUTHS
-    from glpath.terrain.horizon import horizon as horizon_of
-    from glpath.terrain.reading import load_height_field
-    from glpath.terrain.saving import check_kind
+    from glpath.apps.terrain.horizon import AZIMUTHS
+    from glpath.apps.terrain.horizon import horizon as horizon_of
+    from glpath.apps.terrain.reading import load_height_field
+    from glpath.apps.terrain.saving import check_kind
 
     check_choice("--quantity", quantity, _QUANTITIES)
     check_choice("--surface", surface, _SURFACES)
@@ -223,7 +223,7 @@ def _suns(path: Path | None, quantity: str) -> tuple[NDArray[Any], ...]:
 
 
 def _points(path: Path, classes: str | None) -> NDArray[Any]:
-    from glpath.terrain.reading import CLOUD_SUFFIXES, load_point_cloud
+    from glpath.apps.terrain.reading import CLOUD_SUFFIXES, load_point_cloud
 
     if path.suffix.lower() in CLOUD_SUFFIXES:
         try:

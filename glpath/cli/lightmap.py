@@ -29,7 +29,7 @@ from glpath.system.reporting import duration, percent
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
-    from glpath.bake.lightmap import Lightmap, Materials
+    from glpath.apps.lightmap.lightmap import Lightmap, Materials
 
 _ATLAS, _OUTPUT = "Atlas", "Output"
 #: Integrator options that `glpath lightmap` accepts.
@@ -155,8 +155,8 @@ def lightmap(
     them. Of shiny materials and glass, only the diffuse part is baked. Mirrors and metal are baked as if they were
     rough. Ctrl-C ends the render, and the light so far is written.
     """
-    from glpath.bake.lightmap import check_glb
-    from glpath.bake.surfaces import check_density
+    from glpath.apps.lightmap.lightmap import check_glb
+    from glpath.apps.lightmap.surfaces import check_density
 
     check_glb(out)
     for option, found, allowed in (
@@ -177,15 +177,15 @@ def lightmap(
         "spp": run.options().spp(spp), **option_values(integrator, options),
     }  # fmt: skip
     if uv == "make":
-        from glpath.bake.atlas import require_xatlas
+        from glpath.apps.lightmap.atlas import require_xatlas
 
         require_xatlas()  # fail before anything is read or compiled
     with aside("camera", "picture"):
         loaded = read_scene(scene, parameters)
     check_outputs([out], [scene])
     with checkpointed([out], run) as (checkpoint, begun):
-        from glpath.bake.files import check_keepable, page_files
-        from glpath.bake.lightmap import Bake
+        from glpath.apps.lightmap.files import check_keepable, page_files
+        from glpath.apps.lightmap.lightmap import Bake
 
         if materials == "keep":
             check_keepable(loaded)

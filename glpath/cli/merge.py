@@ -67,7 +67,7 @@ def merge(
     and so are shards of another scene or setting. The same holds for shards of `glpath daylight --shard K/N`, each
     of which has sensors of its own.
     """
-    from glpath.daylight.merging import is_coefficients
+    from glpath.apps.daylight.merging import is_coefficients
     from glpath.film.film import check_suffix
     from glpath.jobs.shards import UnguidedShardError, merge_shards
 
@@ -150,7 +150,7 @@ def _notes(film: Film, picture: Picture) -> Iterator[str]:
 
 
 def _merge_coefficients(shards: list[Path], out: list[Path], run: RunRequest, pictured: bool) -> None:
-    from glpath.daylight.merging import merge_coefficients
+    from glpath.apps.daylight.merging import merge_coefficients
 
     wrong = next((path for path in out if path.suffix.lower() != ".npz"), None)
     if wrong is not None or pictured:

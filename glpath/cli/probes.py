@@ -33,7 +33,7 @@ from glpath.system.outputs import check_outputs, save_all
 from glpath.system.reporting import duration
 
 if TYPE_CHECKING:
-    from glpath.bake.probes import Probes
+    from glpath.apps.probes import Probes
     from glpath.film.film import Film
     from glpath.integrators.by_name import Integrator
     from glpath.rendering.run_options import RunOptions
@@ -93,8 +93,8 @@ def probes(
     solids get the mean of their valid neighbours, and the summary has their number. The scene needs no camera, but
     it needs light of its own, or --white-sky.
     """
-    from glpath.bake.probes import ProbeGrid, Probes
-    from glpath.bake.streamed import budget_for
+    from glpath.apps.probes import ProbeGrid, Probes
+    from glpath.rendering.below_stream import budget_for
     from glpath.rendering.points import lit
 
     if out.suffix.lower() != ".json":

@@ -27,8 +27,8 @@ from glpath.system.signals import TERMINATING_TEXT
 from glpath.system.terminal import say
 
 if TYPE_CHECKING:
-    from glpath.radiosity.view_factors.compute import ViewFactorCheckpoint, ViewFactorProgress
-    from glpath.radiosity.view_factors.result import ViewFactors
+    from glpath.apps.view_factors.compute import ViewFactorCheckpoint, ViewFactorProgress
+    from glpath.apps.view_factors.result import ViewFactors
     from glpath.scene import Scene
 
 _GROUPS = ("faces", "planar", "shapes")
@@ -96,9 +96,9 @@ def viewfactors(
     1, the rest goes past all faces to the sky, or arrives at backs of faces, which is reported. Two faces that
     nothing occludes from each other have closed forms; others have exact visibility from sample points.
     """
+    from glpath.apps.view_factors.faces import geometry_alone
+    from glpath.apps.view_factors.formats import check_names, file_kind
     from glpath.io.meshes import FORMATS
-    from glpath.radiosity.view_factors.faces import geometry_alone
-    from glpath.radiosity.view_factors.formats import check_names, file_kind
 
     for path in out:
         if file_kind(path) == "idf" and groups == "faces":
@@ -121,7 +121,7 @@ def viewfactors(
     checkpoint = _checkpoint(out[0]) if run.resume else None
 
     def compute() -> ViewFactors:
-        from glpath.radiosity.view_factors.compute import view_factors
+        from glpath.apps.view_factors.compute import view_factors
 
         with reporting(run.mode, sys.stderr, _event) as report:
             return view_factors(faces, groups=groups, error=error, flip=flip, resume=checkpoint, on_progress=report)
@@ -163,7 +163,7 @@ def viewfactors(
 
 def _checkpoint(out: Path) -> ViewFactorCheckpoint:
     """Return the checkpoint of --resume, which is beside the first output."""
-    from glpath.radiosity.view_factors.compute import ViewFactorCheckpoint
+    from glpath.apps.view_factors.compute import ViewFactorCheckpoint
 
     path = out.with_name(short_name("", out.name, ".part"))
     check_writable(path)

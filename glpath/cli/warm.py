@@ -46,9 +46,9 @@ def compile_all() -> None:
 
 def compile_kernels(scene: Scene) -> RadiositySolution:
     """Compile the kernels of all radiosity methods and of view factors, and return a solution."""
+    from glpath.apps.view_factors.compute import view_factors
     from glpath.radiosity.solvers.checks import METHODS
     from glpath.radiosity.solvers.solve import solve_radiosity
-    from glpath.radiosity.view_factors.compute import view_factors
 
     for method in METHODS:
         say(f"radiosity, {method}", err=True)
@@ -82,8 +82,8 @@ def compile_shaders(scene: Scene, solution: RadiositySolution) -> None:
 
 def compile_lightmap(scene: Scene, solution: RadiositySolution) -> None:
     """Compile the kernels of texels, and the shaders for paths that start at texels. Skipped without xatlas."""
-    from glpath.bake.atlas import require_xatlas
-    from glpath.bake.lightmap import lightmap
+    from glpath.apps.lightmap.atlas import require_xatlas
+    from glpath.apps.lightmap.lightmap import lightmap
     from glpath.errors import GlpathError
 
     try:

@@ -15,10 +15,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import glpath
+from glpath.apps.daylight.coefficients import DaylightCoefficients
 from glpath.cli.daylight_shown import OF_YEARS
 from glpath.cli.main import app
 from glpath.cli.scene import read_scene
-from glpath.daylight.coefficients import DaylightCoefficients
 from tests.io.test_vtk import arrays
 from tests.support.weather_files import write_epw
 
@@ -44,7 +44,7 @@ def computations(monkeypatch: pytest.MonkeyPatch, coefficients: DaylightCoeffici
         results.append(replace(coefficients))
         return results[-1]
 
-    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", compute)
+    monkeypatch.setattr("glpath.apps.daylight.compute.daylight_coefficients", compute)
     return results
 
 
@@ -201,7 +201,7 @@ def test_one_scene_at_a_time_is_in_memory_while_daylight_is_computed(
         return replace(coefficients)
 
     monkeypatch.setattr("glpath.cli.daylight.read_scene", read)
-    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", compute)
+    monkeypatch.setattr("glpath.apps.daylight.compute.daylight_coefficients", compute)
     blinds = tmp_path / "closed.obj"
     blinds.write_text("mtllib none.mtl\nv -1 -1 -1\nv 1 -1 -1\nv 1 1 1\nf 1 2 3\n")
     start = ("cornell-box", "-o", tmp_path / "year.csv", "--points", sensors)
@@ -235,9 +235,9 @@ def test_computed_coefficients_survive_a_failure_of_the_year(
     others = tmp_path / "others.npz"
     glpath.daylight_coefficients("cornell-box", [[0.0, 0, 0]], [0.0, 1, 0], samples=2, max_depth=1).save(others)
     if fault == "interrupt":
-        monkeypatch.setattr("glpath.daylight.year.metrics.blinds_closed", _interrupt)
+        monkeypatch.setattr("glpath.apps.daylight.year.metrics.blinds_closed", _interrupt)
     elif fault == "memory":
-        monkeypatch.setattr("glpath.daylight.year._count", _lack_memory)
+        monkeypatch.setattr("glpath.apps.daylight.year._count", _lack_memory)
     blinds = others if fault == "other sensors" else "cornell-box"
     outputs = ["-o", tmp_path / "year.csv", *(["-o", tmp_path / "dc.npz"] if is_output else [])]
     epw = write_epw(tmp_path / "nowhere.epw")
@@ -297,7 +297,7 @@ def test_an_interrupt_while_blinds_are_computed_writes_the_coefficients(
     coefficients: DaylightCoefficients,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", _once(coefficients))
+    monkeypatch.setattr("glpath.apps.daylight.compute.daylight_coefficients", _once(coefficients))
     out, epw = tmp_path / "dc.npz", write_epw(tmp_path / "nowhere.epw")
     done = run("cornell-box", "-o", out, "--points", sensors, "--weather", epw, "--blinds", "cornell-box")
     assert done.exit_code == 130, done.output
@@ -313,7 +313,7 @@ def test_checkpoint_of_one_process_does_not_count_as_coefficients_because_it_has
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr("glpath.daylight.compute.daylight_coefficients", _once(coefficients))
+    monkeypatch.setattr("glpath.apps.daylight.compute.daylight_coefficients", _once(coefficients))
     start = ("cornell-box", "-o", tmp_path / "year.csv", "--points", sensors, "--resume")
     done = run(*start, "--weather", write_epw(tmp_path / "nowhere.epw"), "--blinds", "cornell-box")
     assert done.exit_code == 130, done.output

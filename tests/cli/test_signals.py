@@ -279,7 +279,7 @@ def test_daylight_that_a_scheduler_ends_has_its_exit_code(
         signal.raise_signal(signal.SIGTERM)
         raise AssertionError("the signal ends it")
 
-    monkeypatch.setattr("glpath.daylight.compute._words", struck)
+    monkeypatch.setattr("glpath.apps.daylight.compute._words", struck)
     monkeypatch.chdir(tmp_path)
     Path("p.csv").write_text("x,y,z,nx,ny,nz\n0,0.1,0,0,1,0\n")
     options = ["-o", "a b.npz", "--points", "p.csv", "--samples", 1, *resume]
@@ -316,7 +316,7 @@ def test_scheduler_need_not_resume_what_is_saved_when_its_signal_comes(
         path.touch()
 
     matrix = SimpleNamespace(save=save)
-    monkeypatch.setattr("glpath.radiosity.view_factors.compute.view_factors", lambda *_, **__: matrix)
+    monkeypatch.setattr("glpath.apps.view_factors.compute.view_factors", lambda *_, **__: matrix)
     done = run("viewfactors", "cornell-box-36", "-o", tmp_path / "F.npz", "-q", *resume)
     assert (done.exit_code, [path.name for path in tmp_path.iterdir()]) == (code, ["F.npz"]), done.stderr
 
@@ -483,7 +483,7 @@ def test_ctrl_c_during_the_bias_check_interrupts(
 @pytest.mark.parametrize(
     ("command", "function"),
     [
-        (["viewfactors", "cornell-box-36", "-o", "F.npz"], "glpath.radiosity.view_factors.compute.view_factors"),
+        (["viewfactors", "cornell-box-36", "-o", "F.npz"], "glpath.apps.view_factors.compute.view_factors"),
         (["daylight", "cornell-box-36", "-o", "D.npz", "--points", "p.csv"], "glpath.cli.daylight._computed"),
     ],
 )

@@ -76,7 +76,7 @@ def test_a_notebook_has_what_was_typed_alone(notebook: Path) -> None:
 
 
 def test_the_lightmap_ends_with_the_lines_for_three_js_of_the_documentation() -> None:
-    """`tests/bake/test_lightmap_seen.py` runs both."""
+    """`tests/apps/lightmap/test_lightmap_seen.py` runs both."""
     page = "".join("".join(cell["source"]) for cell in cells(ROOT / "notebooks" / "09_lightmap.ipynb", "code"))
     guide = (ROOT / "docs" / "howto" / "lightmap-threejs.md").read_text("utf-8")
     (lines,) = re.findall(r"```js\n(.*?)```", guide, re.DOTALL)

@@ -167,11 +167,11 @@ def test_a_type_checker_takes_a_program_and_finds_a_misspelt_option(
 
 
 def test_the_policy_names_the_numbers_of_formats_as_they_are() -> None:
+    from glpath.apps.daylight import coefficients
+    from glpath.apps.view_factors import result
     from glpath.compare import picture
-    from glpath.daylight import coefficients
     from glpath.film import npz_file
     from glpath.radiosity import solution
-    from glpath.radiosity.view_factors import result
     from glpath.rendering import job
 
     text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")

@@ -80,7 +80,7 @@ def test_the_lightmap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     run_commands(blocks("A lightmap for three.js", "sh"), "--size", "128", "--spp", "8")
     assert (tmp_path / "baked-0.lightmap.exr").is_file()
-    # `tests/bake/test_lightmap_seen.py` runs the lines for three.js, which stand on a page of docs/, too.
+    # `tests/apps/lightmap/test_lightmap_seen.py` runs the lines for three.js, which stand on a page of docs/, too.
     lines = blocks("A lightmap for three.js", "js")
     assert any(lines in page.read_text(encoding="utf-8") for page in PAGES[1:])
 

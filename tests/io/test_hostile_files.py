@@ -21,6 +21,9 @@ import PIL.Image
 import pytest
 
 import glpath
+from glpath.apps.terrain.reading import load_height_field
+from glpath.apps.view_factors.result import FORMAT as VIEW_FACTORS_FORMAT
+from glpath.apps.view_factors.result import ViewFactors
 from glpath.cli.point_files import read_points
 from glpath.errors import GlpathError, ImageError
 from glpath.film.film import Film
@@ -29,11 +32,8 @@ from glpath.io.mitsuba.document import read_document
 from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.io.weather import read_weather
 from glpath.radiosity.solution import FORMAT as SOLUTION_FORMAT
-from glpath.radiosity.view_factors.result import FORMAT as VIEW_FACTORS_FORMAT
-from glpath.radiosity.view_factors.result import ViewFactors
 from glpath.rendering import RenderJob
 from glpath.scene.digest import digest_of
-from glpath.terrain.reading import load_height_field
 from tests.support import honeybee_model
 
 SCENE = '<scene version="3.0.0">{}<shape type="rectangle"/></scene>'

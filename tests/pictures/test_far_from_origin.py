@@ -18,7 +18,7 @@ from scipy.ndimage import binary_erosion
 import glpath
 from benchmarks.figures.eye_hits import ShownHits
 from glpath import Film, SceneWarning, load_scene, render
-from glpath.bake.atlas import packed
+from glpath.apps.lightmap.atlas import packed
 from glpath.film.image import read_exr_channels
 from glpath.rendering import RenderJob, run
 from glpath.rendering.points import irradiance

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.bake.lightmap import Bake
-from glpath.bake.probes import ProbeGrid
+from glpath.apps.lightmap.lightmap import Bake
+from glpath.apps.probes import ProbeGrid
 from glpath.cli.run_request import RunRequest
 from glpath.cli.unattended import checkpointed
 from glpath.rendering import loop
@@ -344,8 +344,8 @@ def test_preparation_of_a_resumed_bake_and_of_resumed_probes_is_exempt(
         check_time("building the BVH")
         raise ArithmeticError
 
-    monkeypatch.setattr("glpath.bake.surfaces.AtlasSurfaces.of", prepare)
-    monkeypatch.setattr("glpath.bake.probes.path_traceable", prepare)
+    monkeypatch.setattr("glpath.apps.lightmap.surfaces.AtlasSurfaces.of", prepare)
+    monkeypatch.setattr("glpath.apps.probes.path_traceable", prepare)
     scene = glpath.load_scene(BOX)
     for resumes, error in ((True, ArithmeticError), (False, glpath.TimeLimitError)):
         with limited(1.0, resumes=resumes):

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.bake.atlas import _parts
-from glpath.bake.solids import Closed
-from glpath.bake.surfaces import AtlasSurfaces
+from glpath.apps.lightmap.atlas import _parts
+from glpath.apps.lightmap.surfaces import AtlasSurfaces
 from glpath.errors import TimeLimitError
 from glpath.gl.ray_bvh import _items
 from glpath.radiosity.mesh.mesh import size_for_count, surfaces
 from glpath.radiosity.solvers.checks import check_solvable
 from glpath.rendering.choice import chosen
+from glpath.rendering.solids import Closed
 from glpath.scene import Scene
 from glpath.scene.patches import Patches, diced
 from glpath.scene.pieces import pieces

@@ -22,11 +22,11 @@ PROSE = ("", "text")
 
 #: Blocks that another test runs, by language and a phrase in them, with the test's file.
 ELSEWHERE = {
-    ("js", "light.channel = 1"): "tests/bake/test_lightmap_seen.py",
-    ("js", "new BABYLON.Texture"): "tests/bake/test_lightmap_seen.py",
-    ("python", "import bpy\n"): "tests/bake/test_lightmap_seen.py",
-    ("python", "render_regression("): "tests/pytest_plugin/test_pytest_suite.py",
-    ("ini", "[pytest]"): "tests/pytest_plugin/test_pytest_suite.py",
+    ("js", "light.channel = 1"): "tests/apps/lightmap/test_lightmap_seen.py",
+    ("js", "new BABYLON.Texture"): "tests/apps/lightmap/test_lightmap_seen.py",
+    ("python", "import bpy\n"): "tests/apps/lightmap/test_lightmap_seen.py",
+    ("python", "render_regression("): "tests/apps/image_tests/test_pytest_suite.py",
+    ("ini", "[pytest]"): "tests/apps/image_tests/test_pytest_suite.py",
 }
 
 #: Blocks that no test runs, by language and a phrase in them, with the reason.
@@ -40,8 +40,8 @@ NOT_RUN = {
     (
         "sh",
         "--blinds office-closed.toml",
-    ): "the page has a part of that scene; tests/daylight/test_year.py has blinds",
-    ("js", "probe.sh.fromArray"): "a part of a page; tests/bake/test_probes.py holds what it reads",
+    ): "the page has a part of that scene; tests/apps/daylight/test_year.py has blinds",
+    ("js", "probe.sh.fromArray"): "a part of a page; tests/apps/probes/test_probes.py holds what it reads",
 }
 
 #: Patterns of shell lines that no test runs, with the reasons.

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 # Load these here once, because pytester unloads the modules that its run has loaded.
-import glpath.pytest_plugin.report
+import glpath.apps.image_tests.report
 import glpath.rendering.calls  # noqa: F401
 from glpath.accel.bvh import build_bvh
 
@@ -24,8 +24,8 @@ Run = Callable[..., pytest.RunResult]
 # Disable nbmake, which takes a second to load, and faulthandler, because at its end a run would disable that of the
 # testing process. If glpath is installed, pytest finds the plugin itself.
 LOADED = ("-p", "no:nbmake", "-p", "no:faulthandler")
-if not any(e.value == "glpath.pytest_plugin" for e in entry_points(group="pytest11")):
-    LOADED += ("-p", "glpath.pytest_plugin")
+if not any(e.value == "glpath.apps.image_tests" for e in entry_points(group="pytest11")):
+    LOADED += ("-p", "glpath.apps.image_tests")
 
 _CRASHING = ("mitsuba", "drjit")
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.terrain.height_field import HeightField
+from glpath.apps.terrain.height_field import HeightField
 
 
 def rough(rows: int, columns: int, size: float = 3.0, seed: int = 7) -> NDArray[np.float32]:

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from glpath.apps.terrain.reading import load_height_field
+from glpath.apps.view_factors.result import ViewFactors
 from glpath.errors import ImageError, SceneError, TimeLimitError
 from glpath.io import load_scene
-from glpath.radiosity.view_factors.result import ViewFactors
 from glpath.system import bounded_reading, files
 from glpath.system.bounded_reading import (
     allow_unfolded,
@@ -26,7 +27,6 @@ from glpath.system.bounded_reading import (
     without_bounds,
 )
 from glpath.system.time_limit import limited
-from glpath.terrain.reading import load_height_field
 
 # Processor time after which a test gives up, seconds; the bounds end the work long before it.
 _GIVE_UP_S = 20.0

@@ -90,7 +90,7 @@ def test_the_pytest_plugin_compares_pictures(tmp_path: Path) -> None:
         "def test_same(render_regression):\n"
         "    render_regression(np.full((8, 8, 3), 51, np.uint8))\n"
     )
-    arguments = ["-q", "-p", "no:cacheprovider", "-p", "glpath.pytest_plugin"]
+    arguments = ["-q", "-p", "no:cacheprovider", "-p", "glpath.apps.image_tests"]
     for more in (["--glpath-update=all"], []):
         code = "\n".join(HIDDEN.values()) + f"\nimport pytest\nsys.exit(pytest.main({[*arguments, *more]}))"
         done = python(code, tmp_path, PYTEST_DISABLE_PLUGIN_AUTOLOAD="1")

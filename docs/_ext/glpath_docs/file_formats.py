@@ -7,6 +7,7 @@ from typing import Any
 
 import typer
 
+from glpath.apps.terrain.reading import CLOUD_SUFFIXES, FIELD_SUFFIXES
 from glpath.cli.commands import COMMANDS
 from glpath.cli.main import app
 from glpath.compare import SUFFIXES as COMPARED
@@ -17,7 +18,6 @@ from glpath.io.library import SCENE_SUFFIXES
 from glpath.io.lights import MAPS
 from glpath.io.materials import FORMATS as TEXTURES
 from glpath.io.other_files import KINDS
-from glpath.terrain.reading import CLOUD_SUFFIXES, FIELD_SUFFIXES
 from glpath_docs.commands import help_of, record
 from glpath_docs.markdown import code, table
 

@@ -95,7 +95,7 @@ TASKS = (
                 "probes",
                 "Probes",
             ),
-            "glpath.daylight.visibility": ("visible",),
+            "glpath.apps.daylight.visibility": ("visible",),
         },
     ),
     Task(

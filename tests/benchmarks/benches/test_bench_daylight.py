@@ -8,8 +8,8 @@ import pytest
 from benchmarks.benches import daylight
 from benchmarks.peers import radiance
 from benchmarks.scenes.daylit_office import CLOTH, TRANSMITTANCE, as_toml, office, sensors
-from glpath.daylight.compute import daylight_coefficients
-from glpath.daylight.hourly_skies import horizontal_weights
+from glpath.apps.daylight.compute import daylight_coefficients
+from glpath.apps.daylight.hourly_skies import horizontal_weights
 from glpath.errors import GlpathError
 from glpath.io import scene_from_dict
 from glpath.io.weather import read_weather

@@ -1,0 +1,1 @@
+"""Applications of the renderer. None imports another, and the engine imports none."""
