@@ -35,9 +35,9 @@ from glpath.apps.daylight.year import GROUND, daylight_year
 from glpath.errors import GlpathError
 from glpath.gl.context import open_context
 from glpath.io import scene_from_dict
-from glpath.io.sun_position import quiet_pvlib
 from glpath.io.weather import Weather, read_weather
 from glpath.scene.model import Float64, Scene
+from glpath.sky.sun_position import quiet_pvlib
 from glpath.system.machine import peak_resident_bytes
 from glpath.system.versions import versions
 

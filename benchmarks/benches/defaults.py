@@ -41,15 +41,15 @@ from benchmarks.scenes.helmet import helmet
 from benchmarks.timing import in_turns, seconds_of
 from benchmarks.verdict import Condition, Report, judge, machine
 from glpath.errors import GlpathError
+from glpath.film.exr import write_exr
 from glpath.film.film import Film
-from glpath.film.image import write_exr
-from glpath.film.units import EFFICACY
 from glpath.gl.context import get_context
 from glpath.integrators.settings import DEEPEST
 from glpath.io import load_scene
 from glpath.io.export.gltf import write_gltf
 from glpath.scene.model import Float64, Scene
 from glpath.system.files import shipped_folder
+from glpath.system.units import EFFICACY
 from glpath.system.versions import versions
 
 Say = Callable[[str], None]

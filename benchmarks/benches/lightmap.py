@@ -44,7 +44,6 @@ from glpath.apps.lightmap.atlas import packed
 from glpath.apps.lightmap.lightmap import Lightmap
 from glpath.apps.lightmap.surfaces import AtlasSurfaces
 from glpath.errors import GlpathError
-from glpath.film.image import luminance
 from glpath.gl.context import Context, get_context
 from glpath.io import load_scene
 from glpath.rendering import run
@@ -52,6 +51,7 @@ from glpath.rendering.job import describe
 from glpath.rendering.sides import Sides
 from glpath.scene.model import Float64
 from glpath.scene.triangulate import path_traceable
+from glpath.system.colour import luminance
 from glpath.system.machine import peak_resident_bytes
 from glpath.system.versions import versions
 

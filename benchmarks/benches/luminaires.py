@@ -18,10 +18,10 @@ from benchmarks.benches.gather import DEPTH
 from benchmarks.benches.own_noise import compare
 from benchmarks.peers import mitsuba as mitsuba_peer
 from benchmarks.verdict import Condition, Report
-from glpath.film.units import EFFICACY
 from glpath.io import load_scene
 from glpath.scene.model import Light, LightProfile, Scene, Shapes
 from glpath.scene.triangulate import path_traceable
+from glpath.system.units import EFFICACY
 
 AGREEMENT = (Condition("mitsuba_mean_off", "<=", 0.02),)
 RULE = (*AGREEMENT, Condition("vs_mitsuba", ">=", 5.0))

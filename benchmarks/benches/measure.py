@@ -29,11 +29,11 @@ from benchmarks.peers import radiance as radiance_peer
 from benchmarks.peers.mitsuba import comparable
 from benchmarks.verdict import Condition, Report, faults, judge, machine
 from glpath.errors import GlpathError
-from glpath.film.image import luminance
 from glpath.gl.context import get_context
 from glpath.io import load_scene
 from glpath.rendering.points import Irradiance, irradiance
 from glpath.scene.model import Float64, Scene, Shapes
+from glpath.system.colour import luminance
 from glpath.system.versions import versions
 
 Row = dict[str, Any]

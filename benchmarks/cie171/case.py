@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 import glpath
 from benchmarks.cie171.exact import Float64
-from glpath.film.image import luminance
-from glpath.film.units import conversion
+from glpath.system.colour import luminance
+from glpath.system.units import conversion
 
 #: A value may be off by this fraction of the exact one, or by this number of standard errors if those are small.
 TOLERANCE, ERRORS = 0.01, 3.0

@@ -3,7 +3,7 @@
 All give open ground the same irradiance, so the irradiance in a room, in per cent of it, is the sky component. The
 sun stands at 60 degrees; its direct light is no part of the cases.
 
-Source: ISO 15469:2004 (CIE S 011), implemented here from its equations to check `glpath.scene.cie_sky`; Moon &
+Source: ISO 15469:2004 (CIE S 011), implemented here from its equations to check `glpath.sky.cie`; Moon &
         Spencer 1942, Illumination from a nonuniform sky.
 """
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.figures.eye_hits import ShownHits
-from glpath.film.image import luminance
 from glpath.radiosity import RadiositySolution
 from glpath.scene.model import Float64
+from glpath.system.colour import luminance
 
 
 def mesh_step(picture: Float64, hits: ShownHits, solution: RadiositySolution) -> float:

@@ -35,7 +35,7 @@ from benchmarks.peers import mitsuba as mitsuba_peer
 from benchmarks.verdict import Condition
 from glpath.compare import relative_mse
 from glpath.errors import SceneWarning
-from glpath.film.image import auto_exposure, tonemap
+from glpath.film.tonemap import auto_exposure, tonemap
 from glpath.io import load_scene
 from glpath.io.export import export
 from glpath.rendering import render

@@ -32,7 +32,7 @@ from benchmarks.peers import other_python
 from benchmarks.verdict import Condition
 from glpath.errors import GlpathError, UsageError
 from glpath.film.film import read_image
-from glpath.film.image import auto_exposure, tonemap
+from glpath.film.tonemap import auto_exposure, tonemap
 from glpath.io.models import FORMATS
 from glpath.scene.model import Float64
 

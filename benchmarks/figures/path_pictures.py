@@ -29,7 +29,7 @@ from benchmarks.references.stored import at_one_size
 from benchmarks.verdict import Condition
 from glpath.compare import relative_mse
 from glpath.errors import SceneWarning
-from glpath.film.image import tonemap
+from glpath.film.tonemap import tonemap
 from glpath.io import load_scene
 from glpath.radiosity import RadiositySolution, solve_radiosity
 from glpath.rendering import render

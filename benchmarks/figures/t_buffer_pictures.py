@@ -25,7 +25,7 @@ from benchmarks.figures.whitted_frame import (
     stacked,
 )
 from benchmarks.verdict import Condition
-from glpath.film.image import tonemap
+from glpath.film.tonemap import tonemap
 from glpath.io import load_scene
 from glpath.scene import Scene
 

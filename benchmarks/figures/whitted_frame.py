@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.timing import seconds_of
-from glpath.film.image import tonemap
+from glpath.film.tonemap import tonemap
 from glpath.gl.context import get_context
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.whitted import WhittedTracer

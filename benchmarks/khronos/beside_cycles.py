@@ -27,11 +27,12 @@ from benchmarks.khronos.models import Mark, SampleModel, mark_of
 from benchmarks.peers import other_python
 from benchmarks.peers.blender import render_model, view_of
 from glpath.errors import GlpathError
-from glpath.film.image import read_exr_channels, tonemap, write_exr
+from glpath.film.exr import read_exr_channels, write_exr
+from glpath.film.tonemap import tonemap
 from glpath.io import load_scene
 from glpath.io.completed import aside
 from glpath.scene.model import Float64
-from glpath.scene.studio import studio
+from glpath.sky.studio import studio
 
 UInt8 = NDArray[np.uint8]
 Say = Callable[[str], None]

@@ -15,7 +15,7 @@ from glpath.errors import GlpathError
 from glpath.film.film import read_image
 from glpath.scene import Scene
 from glpath.scene.model import Float64
-from glpath.scene.sky import Environment
+from glpath.sky.sky import Environment
 
 _WORKER = Path(__file__).with_name("blender_worker.py")
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.scenes.patterns import UInt8, noise, normals
-from glpath.film.image import encode_srgb
 from glpath.scene.model import Camera, Float64, Material, Mesh, Scene, Shape, Shapes, Texture, TextureSlot
+from glpath.system.colour import encode_srgb
 
 #: Side of the textures, in pixels.
 SIDE = 2048

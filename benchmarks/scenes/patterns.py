@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.film.image import encode_srgb
 from glpath.scene.model import Float64
+from glpath.system.colour import encode_srgb
 
 UInt8 = NDArray[np.uint8]
 

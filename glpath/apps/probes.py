@@ -33,7 +33,6 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.errors import SceneError, UsageError
 from glpath.film.film import Film
 from glpath.film.noise import standard_error
-from glpath.film.units import Unit, symbol
 from glpath.integrators.by_name import AUTO, Integrator
 from glpath.integrators.settings import GEOMETRY_BUDGET, IntegratorSettings
 from glpath.io import AnyScene, load_scene
@@ -44,11 +43,12 @@ from glpath.rendering.points import irradiance, lit
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.sides import Sides
 from glpath.scene import Scene
-from glpath.scene.geometry import LARGEST
 from glpath.scene.triangulate import path_traceable
 from glpath.system.arguments import check_array, checked
 from glpath.system.files import write_bytes
 from glpath.system.time_limit import check_time, named_work, without_limit_if_resumed
+from glpath.system.units import Unit, symbol
+from glpath.system.vectors import LARGEST
 
 Float64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]

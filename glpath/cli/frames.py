@@ -332,7 +332,8 @@ def _stops_before(frames: Frames, out: Sequence[Path], todo: Sequence[int]) -> f
 
     None if no such frame exists.
     """
-    from glpath.film.image import check_exposure, png_or_jpeg
+    from glpath.film.image import png_or_jpeg
+    from glpath.system.colour import check_exposure
 
     replaced = set(todo)
     existing = [i for i in range(frames.first, frames.stop) if i not in replaced]

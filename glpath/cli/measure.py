@@ -29,14 +29,14 @@ from glpath.cli.scene_options import OF_LIGHT, with_scene_options
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, check_spp, vector
 from glpath.errors import UsageError
-from glpath.film.image import luminance
-from glpath.film.units import EFFICACY, conversion
 from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
+from glpath.system.colour import luminance
 from glpath.system.files import is_stream
 from glpath.system.outputs import Save, check_outputs, save_all
 from glpath.system.reporting import duration
 from glpath.system.time_limit import preparing
+from glpath.system.units import EFFICACY, conversion
 
 if TYPE_CHECKING:
     from glpath.cli.measured import Measured
@@ -276,7 +276,7 @@ def _check_makes_per_cent(scene: Scene, receiver: str, ambient: float | Sequence
     """
     import numpy as np
 
-    from glpath.scene.sky_map import open_ground
+    from glpath.sky.maps import open_ground
 
     if receiver != "plane":
         raise UsageError(f"--daylight-factor beside --receiver {receiver}: it is of planes.", "Leave one out.")

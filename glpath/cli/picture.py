@@ -119,7 +119,7 @@ class Picture:
         """Return a line with a remedy if the picture is nearly black or white; None otherwise."""
         import numpy as np
 
-        from glpath.film.image import tonemap
+        from glpath.film.tonemap import tonemap
 
         seen = tonemap(film.mean, stops, self.tonemap)
         if film.alpha is not None:

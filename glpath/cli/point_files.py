@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from glpath.cli.values import Vector, numbers
 from glpath.errors import ImageError, UsageError, warn
-from glpath.film.units import symbol
 from glpath.io.values import LARGEST, SMALLEST
 from glpath.system.bounded_reading import reading_file
 from glpath.system.files import is_stream, read_bytes, read_standard_input, reason_of, whole_file, write_bytes
 from glpath.system.numerals import real
 from glpath.system.time_limit import check_time
+from glpath.system.units import symbol
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance

@@ -23,10 +23,11 @@ from glpath.cli.point_files import AXES, Grid, Points, coordinate
 from glpath.cli.scene import light_of
 from glpath.cli.scene_summary import about_lights
 from glpath.film.charts import colour_range, false_colours, field
-from glpath.film.image import encode_png, luminance
-from glpath.film.units import conversion
+from glpath.film.image import encode_png
+from glpath.system.colour import luminance
 from glpath.system.files import write_bytes
 from glpath.system.reporting import duration
+from glpath.system.units import conversion
 from glpath.system.versions import versions
 
 if TYPE_CHECKING:

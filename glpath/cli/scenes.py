@@ -19,7 +19,6 @@ from glpath.cli.scene_options import OF_PICTURES, with_scene_options
 from glpath.cli.scene_summary import summarize
 from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError, current_warnings
-from glpath.film.units import Unit, symbol
 from glpath.io import (
     parameters_from_options,
     scene_animations,
@@ -33,6 +32,7 @@ from glpath.scene import check_scene
 from glpath.scene.source_location import coordinates
 from glpath.system.files import write_bytes
 from glpath.system.terminal import clean_console, say, say_json
+from glpath.system.units import Unit, symbol
 
 # Maximum rows in a table of shapes, materials, textures or lights, because a scene can have thousands.
 _SHOWN = 40

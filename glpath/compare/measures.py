@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import ImageError, UsageError
-from glpath.film.image import luminance
 from glpath.system.arguments import checked, real_array, short_repr
+from glpath.system.colour import luminance
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]

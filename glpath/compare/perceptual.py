@@ -18,8 +18,8 @@ from glpath.compare.measures import matching_pair
 from glpath.compare.picture import Picture
 from glpath.compare.verdict import Verdict
 from glpath.errors import ImageError, UsageError
-from glpath.film.image import encode_srgb
 from glpath.system.arguments import checked
+from glpath.system.colour import encode_srgb
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]

@@ -24,17 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import ImageError
+from glpath.film.exr import read_exr_channels, write_exr
 from glpath.film.film import Film
-from glpath.film.image import (
-    decode_levels,
-    decode_srgb,
-    encode_srgb,
-    read_exr_channels,
-    tonemap,
-    write_exr,
-    write_png,
-)
+from glpath.film.image import write_png
+from glpath.film.tonemap import tonemap
 from glpath.system.arguments import checked
+from glpath.system.colour import decode_levels, decode_srgb, encode_srgb
 
 Float64 = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from glpath.compare.measures import matching_pair
 from glpath.compare.picture import Picture
 from glpath.compare.verdict import Verdict
 from glpath.errors import UsageError
-from glpath.film.image import encode_srgb
+from glpath.system.colour import encode_srgb
 
 Float64 = NDArray[np.float64]
 

@@ -19,22 +19,21 @@ from numpy.typing import NDArray
 from glpath.compare.measures import check_same_size
 from glpath.compare.picture import Picture, encode_bright_srgb, glpath_texts
 from glpath.errors import ImageError
+from glpath.film.exr import read_exr_channels
 from glpath.film.film import Film, holds_film, read_image
 from glpath.film.image import (
-    FLOAT_PIXEL,
     READABLE,
     WEBP_HEAD,
     check_decoding,
     check_scans,
-    decode_srgb,
     picture_size,
-    read_exr_channels,
     webp_size,
     without_size_warnings,
 )
 from glpath.system.arguments import checked
+from glpath.system.colour import decode_srgb
 from glpath.system.files import read_bytes, reading
-from glpath.system.npz import check_unfolded, read_npy
+from glpath.system.npz import FLOAT_PIXEL, check_unfolded, read_npy
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -48,7 +48,7 @@ from glpath.compare.picture import BLOCK_SIDE, Noise, Picture, block_pixels, unu
 from glpath.compare.verdict import Verdict
 from glpath.errors import ImageError, UsageError
 from glpath.film.batches import BATCHES, BLOCK
-from glpath.film.image import luminance
+from glpath.system.colour import luminance
 
 Float64 = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-#: Tone curves, see `glpath.film.image.TONEMAPS`.
+#: Tone curves, see `glpath.film.tonemap.TONEMAPS`.
 TONEMAP_NAMES = ("srgb", "reinhard", "aces")
 
 #: Values of `stop_rule`, the reason why a render ended. The render is complete if the reason is in RULES.

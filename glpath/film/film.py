@@ -20,12 +20,15 @@ from glpath.film import denoise as open_image_denoise
 from glpath.film import image
 from glpath.film.aovs import guides_denoiser
 from glpath.film.cryptomatte import Kind
+from glpath.film.exr import write_exr
 from glpath.film.film_errors import FilmErrors
 from glpath.film.film_frames import film_data_set, stats_frame
-from glpath.film.image import UInt8, check_exposure, encode_png, png_html, write_exr, write_jpeg, write_png
-from glpath.film.image import tonemap as tonemapped
+from glpath.film.image import UInt8, encode_png, png_html, write_jpeg, write_png
 from glpath.film.npz_file import FilmParts, read_parts, write_parts
+from glpath.film.tonemap import auto_exposure
+from glpath.film.tonemap import tonemap as tonemapped
 from glpath.system.arguments import checked
+from glpath.system.colour import check_exposure
 from glpath.system.files import is_stream
 from glpath.system.npz import open_npz
 from glpath.system.versions import versions
@@ -73,13 +76,13 @@ class Film(FilmErrors):
     def exposure_stops(self, exposure: float | Literal["auto"] | None = None) -> float:
         """Return the exposure of this image as a number of stops.
 
-        exposure : stops; "auto": result of `image.auto_exposure`; None: exposure of the scene, or else "auto"
+        exposure : stops; "auto": result of `auto_exposure`; None: exposure of the scene, or else "auto"
 
         Raises UsageError for another value, or an image without a path set.
         """
         check_exposure(exposure)
         asked = self.metadata.exposure if exposure is None else exposure
-        return image.auto_exposure(self.mean) if asked is None or asked == "auto" else float(asked)
+        return auto_exposure(self.mean) if asked is None or asked == "auto" else float(asked)
 
     def to_srgb(
         self,
@@ -91,7 +94,7 @@ class Film(FilmErrors):
         """Return the image as (H, W, 3) uint8 sRGB, row 0 at the top, like a .png of `save`; with alpha (H, W, 4).
 
         exposure : as for `exposure_stops`
-        tonemap  : one of `image.TONEMAPS`
+        tonemap  : one of `TONEMAPS`
         denoise  : True to return `denoised` instead of `mean`, with the same exposure
 
         Raises UsageError for another exposure or operator, or an image without a path set; and the errors of
@@ -119,7 +122,7 @@ class Film(FilmErrors):
                metadata
         .exr : float32 radiance, linear Rec. 709; a crop keeps its window in the whole image. AOVs of the film are
                layers with their own names: albedo.R, G, B, normal.X, Y, Z, depth.Z, object_id.X ..., see
-               `image.layer_channels`. With ids, also the Cryptomattes CryptoObject00 to 02 and CryptoMaterial00 to
+               `layer_channels`. With ids, also the Cryptomattes CryptoObject00 to 02 and CryptoMaterial00 to
                02
         .npz : everything, exactly; `Film.load` reads it, to be merged or resumed
 

@@ -11,8 +11,8 @@ from typing import Any, Literal, TypeGuard
 from glpath.errors import UsageError
 from glpath.film.aovs import AOVS, ID_AOVS, sums_of
 from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER, check_probe
-from glpath.film.image import check_exposure
-from glpath.film.units import UNITS, Unit
+from glpath.system.colour import check_exposure
+from glpath.system.units import UNITS, Unit
 
 # Required types when a file is read, by the names of the metadata's fields.
 _METADATA_TYPES: dict[str, type | UnionType] = {

@@ -43,10 +43,10 @@ from glpath.gl.variants import defined
 from glpath.lights.lighting import Lighting, max_radiance
 from glpath.lights.samples import profiled_lights
 from glpath.scene.appearance import has_colours
-from glpath.scene.digest import digest_of
 from glpath.scene.instances import InstancedScene
 from glpath.scene.model import Environment, Float64, Scene
 from glpath.system.arguments import checked
+from glpath.system.digest import digest_of
 
 #: Maximum of a primitive's number + 1. Of 32 bits, the T-buffer uses two for the certainty of an entry.
 MAX_PRIMITIVES = 2**30 - 2

@@ -11,7 +11,6 @@ import numpy as np
 from msgspec import UnsetType
 
 from glpath.errors import encodable, warn
-from glpath.film.units import Unit, conversion
 from glpath.io import transform
 from glpath.io.description import Asset
 from glpath.io.gltf import Model, limits
@@ -28,6 +27,7 @@ from glpath.scene.motion import Motion
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import absence_of
 from glpath.system.suggestions import listed_names, similar_names
+from glpath.system.units import Unit, conversion
 
 
 @dataclass(frozen=True)

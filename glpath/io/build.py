@@ -15,7 +15,6 @@ import numpy as np
 from msgspec import UNSET, UnsetType
 
 from glpath.errors import warn
-from glpath.film.units import Unit
 from glpath.io import description, lights, materials, motion, transform
 from glpath.io.assets import Assets
 from glpath.io.completed import is_aside
@@ -45,6 +44,7 @@ from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import FLAT, with_area
 from glpath.scene.triangulate import turned
 from glpath.system.time_limit import check_time
+from glpath.system.units import Unit
 
 # Maximum distance between the two diagonals of a planar quad, as a fraction of the longer diagonal. Other quads are
 # rejected. Coordinates rounded to three digits stay below the maximum.

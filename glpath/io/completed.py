@@ -18,7 +18,7 @@ from glpath.scene.emitted import emitted_radiance
 from glpath.scene.model import Camera, Float64, Scene, Shape, Sky
 from glpath.scene.sight import enclosing_spheres, winding_number
 from glpath.scene.source_location import shown
-from glpath.scene.studio import ground_below, nearest_axis, studio
+from glpath.sky.studio import ground_below, nearest_axis, studio
 
 #: Default image width and height in pixels.
 RESOLUTION = (512, 512)

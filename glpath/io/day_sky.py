@@ -10,15 +10,15 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import UnsetType
 
-from glpath.film.units import EFFICACY, Unit
 from glpath.io import description
-from glpath.io.sun_position import YEARS, clear_day, sun_positions
 from glpath.io.values import unit
 from glpath.io.weather import read_weather
 from glpath.scene.model import Environment, Float64
-from glpath.scene.perez_sky import PRECIPITABLE_WATER, SOLAR_CONSTANT, Daylight, PerezSky, extraterrestrial
-from glpath.scene.sky import NORTH
 from glpath.scene.source_location import SourceLocation
+from glpath.sky.perez import PRECIPITABLE_WATER, SOLAR_CONSTANT, Daylight, PerezSky, extraterrestrial
+from glpath.sky.sky import NORTH
+from glpath.sky.sun_position import YEARS, clear_day, sun_positions
+from glpath.system.units import EFFICACY, Unit
 
 _WHERE = ("altitude", "azimuth", "latitude", "longitude", "timezone", "time", "weather", "north")
 #: Fields that only skies of type "perez" or "sun" have.

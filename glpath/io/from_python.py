@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from glpath.errors import UsageError, warn
-from glpath.film.units import conversion
 from glpath.io.build import Supplied
 from glpath.io.completed import completed, is_aside
 from glpath.io.from_trimesh import Surfaces, lights
@@ -27,6 +26,7 @@ from glpath.scene.model import Mesh, Scene, Shapes, moved_textures, shapes_are_b
 from glpath.scene.source_location import PythonLocation, SourceLocation, shown
 from glpath.system.arguments import plain_dictionary, short_repr
 from glpath.system.suggestions import listed_names
+from glpath.system.units import conversion
 
 if TYPE_CHECKING:
     import trimesh

@@ -12,7 +12,6 @@ from typing import Any, Literal
 import numpy as np
 
 from glpath.errors import warn
-from glpath.film.image import decode_srgb
 from glpath.io import phong
 from glpath.io.gltf.primitives import is_solid
 from glpath.io.gltf.surfaces import Surface
@@ -20,6 +19,7 @@ from glpath.io.named_files import UnusableError
 from glpath.io.pictures import pixels_of, unusable_if_damaged
 from glpath.scene.model import Float64, Light, Material, Mesh, Texture, TextureSlot
 from glpath.scene.source_location import SourceLocation
+from glpath.system.colour import decode_srgb
 from glpath.system.private_interfaces import given_trimesh_lights
 
 _ALPHA: dict[str, Literal["opaque", "mask", "blend"]] = {"MASK": "mask", "BLEND": "blend"}

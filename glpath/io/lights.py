@@ -11,7 +11,6 @@ from msgspec import UNSET, UnsetType
 
 from glpath.errors import warn
 from glpath.film.image import read_environment
-from glpath.film.units import Unit, conversion
 from glpath.io import description
 from glpath.io.day_sky import OF_DAYS, day_sky
 from glpath.io.description import MAX_ENVIRONMENT_PIXELS, AnyLight, Emission
@@ -19,7 +18,6 @@ from glpath.io.photometry import read_profile
 from glpath.io.scene_pictures import stored_picture
 from glpath.io.values import LARGEST, light, unit
 from glpath.scene.appearance import opacity_of
-from glpath.scene.cie_sky import cie_sky, has_sun
 from glpath.scene.geometry import ellipsoid_area
 from glpath.scene.maintenance import with_factor
 from glpath.scene.model import (
@@ -37,7 +35,9 @@ from glpath.scene.model import (
 from glpath.scene.portal import MAX_PORTALS, portal_fault
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.spot_cone import spot_solid_angle
+from glpath.sky.cie import cie_sky, has_sun
 from glpath.system.time_limit import check_time
+from glpath.system.units import Unit, conversion
 
 MAPS = (".exr", ".hdr", ".png", ".jpg", ".jpeg")
 # Fields that are errors in a sky of type "perez" or "sun", whose light is given as irradiances.

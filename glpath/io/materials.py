@@ -17,7 +17,7 @@ from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
 from glpath.errors import warn
-from glpath.film.image import encode_srgb, read_eight_bits, read_texture
+from glpath.film.image import read_eight_bits, read_texture
 from glpath.io import description
 from glpath.io.description import (
     MAX_TEXTURE_PIXELS,
@@ -34,6 +34,7 @@ from glpath.scene.material import SLOTS
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
 from glpath.scene.slab import clearest, inside_of
 from glpath.scene.source_location import SourceLocation
+from glpath.system.colour import encode_srgb
 from glpath.system.npz import UnfoldedPictures
 from glpath.system.time_limit import check_time
 

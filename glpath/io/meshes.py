@@ -28,12 +28,12 @@ from glpath.io.stl import read_stl
 from glpath.io.stored_colours import colours_of_facets, linear
 from glpath.io.strokes import balls, line_radius, point_radius, rods, used_points
 from glpath.io.values import LARGEST, finite_rows, nearby_files, no_such_vertex, warn_of_left_out
-from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.source_location import SourceLocation
 from glpath.system.bounded_reading import reading_file
 from glpath.system.files import absence_of, read_bytes
 from glpath.system.private_interfaces import given_trimesh_normals
+from glpath.system.vectors import unit_normals
 
 FORMATS = (".obj", ".ply", ".stl", ".off")
 #: Names of the formats for messages: "OBJ, PLY, STL or OFF".

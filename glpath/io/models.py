@@ -13,7 +13,6 @@ import numpy as np
 from msgspec import Meta
 
 from glpath.errors import UsageError, warn
-from glpath.film.units import Unit
 from glpath.io.completed import NO_CAMERA, RESOLUTION, completed
 from glpath.io.gltf import Model, ModelCamera, read_gltf
 from glpath.io.gltf.accessors import Accessors
@@ -30,6 +29,7 @@ from glpath.scene.camera_check import check_camera
 from glpath.scene.model import Camera, Scene, Shapes
 from glpath.scene.source_location import SourceLocation
 from glpath.system.numerals import unsigned
+from glpath.system.units import Unit
 
 #: Suffixes of files that are read as models.
 FORMATS = (*GLTF_FORMATS, *MESH_FORMATS)

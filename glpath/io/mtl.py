@@ -562,7 +562,7 @@ def _bytes(image: Image) -> NDArray[np.uint8]:
     """Return the levels of colours; floats are encoded as sRGB."""
     if image.dtype == np.uint8:
         return np.asarray(image, np.uint8)
-    from glpath.film.image import encode_srgb
+    from glpath.system.colour import encode_srgb
 
     return np.asarray(encode_srgb(np.asarray(image, np.float64)) * 255 + 0.5, np.uint8)
 

@@ -25,10 +25,10 @@ from glpath.io.polygons import split_finite
 from glpath.io.stored_colours import fractions
 from glpath.io.text import decoded, parse_lines, parse_numbers, statements
 from glpath.io.values import MAX_PARTS, finite_rows
-from glpath.scene.geometry import unit_normals
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.numerals import whole
 from glpath.system.time_limit import check_time
+from glpath.system.vectors import unit_normals
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -16,9 +16,10 @@ from glpath.errors import warn
 from glpath.io.polygons import split_finite
 from glpath.io.text import decoded, parse_lines, statements
 from glpath.io.values import finite_rows
-from glpath.scene.geometry import Float64, Mesh, unit_normals
+from glpath.scene.geometry import Float64, Mesh
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.numerals import whole
+from glpath.system.vectors import unit_normals
 
 Int64 = NDArray[np.int64]
 #: Line number and words of each line.

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.image import luminance
 from glpath.scene.background import Background
 from glpath.scene.model import Environment, Scene, Sky
+from glpath.system.colour import luminance
 
 Float64 = NDArray[np.float64]
 

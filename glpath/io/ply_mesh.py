@@ -25,8 +25,9 @@ from glpath.io.ply import Element, Header, Int64, Ragged, read_elements
 from glpath.io.polygons import split_finite
 from glpath.io.stored_colours import fractions, linear
 from glpath.io.values import as_float64, finite_rows, no_such_vertex, warn_of_left_out
-from glpath.scene.geometry import Float64, Mesh, unit_normals
+from glpath.scene.geometry import Float64, Mesh
 from glpath.scene.source_location import SourceLocation
+from glpath.system.vectors import unit_normals
 
 # Elements that are read, and the camera, which is ignored without a note.
 _ELEMENTS = ("vertex", "face", "tristrips", "camera")

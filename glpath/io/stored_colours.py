@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.image import decode_srgb
 from glpath.io.values import as_float64
 from glpath.scene.geometry import Float64
+from glpath.system.colour import decode_srgb
 
 # If no float is above this, floats count as fractions; rounding or a bright light may raise fractions above 1.
 _MAX_FRACTION = 2.0

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from glpath.errors import SceneError, warn_at
-from glpath.scene.geometry import LARGEST as LARGEST
 from glpath.scene.model import Float64
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.system.files import is_denied, reason_of
 from glpath.system.suggestions import listed_names, similar_names
+from glpath.system.vectors import LARGEST as LARGEST
 
 #: Remedy in errors for files that may not be read.
 CHECK_PERMISSIONS = "Check the permissions of the file and of its folders."

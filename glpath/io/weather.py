@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import GlpathError, SceneError, warn
-from glpath.io.sun_position import YEARS, SunPosition, Times, quiet_pvlib, sun_of_hours
 from glpath.scene.model import Float64
-from glpath.scene.perez_sky import PRECIPITABLE_WATER, PerezSky, extraterrestrial, precipitable_water
 from glpath.scene.source_location import shown
+from glpath.sky.perez import PRECIPITABLE_WATER, PerezSky, extraterrestrial, precipitable_water
+from glpath.sky.sun_position import YEARS, SunPosition, Times, quiet_pvlib, sun_of_hours
 from glpath.system.bounded_reading import reading_file
 from glpath.system.files import read_bytes, reason_of
 from glpath.system.numerals import real, unsigned, whole

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from glpath.errors import SceneError, UsageError
 from glpath.film import image
 from glpath.film.film import Film
+from glpath.film.tonemap import auto_exposure, check_tonemap, tonemap
 from glpath.gl.context import open_context
 from glpath.integrators.by_name import Integrator, IntegratorKeywords
 from glpath.integrators.settings import IntegratorSettings
@@ -41,6 +42,7 @@ from glpath.notebook.show import error_html, message_html, with_picture
 from glpath.rendering.job import describe
 from glpath.rendering.options import with_options
 from glpath.scene import Camera, Scene, path_traceable
+from glpath.system.colour import check_exposure
 from glpath.system.interactive import in_notebook
 from glpath.system.private_interfaces import rfb_page
 
@@ -100,8 +102,8 @@ def view(
     Poor at: many pixels in software. While a cell renders, both alternate every half second. If the kernel has no
              subshells (ipykernel below 7, JupyterLab below 4.4), the image does not change while a cell runs.
     """
-    image.check_tonemap(tonemap)
-    image.check_exposure(exposure)
+    check_tonemap(tonemap)
+    check_exposure(exposure)
     loaded = load_scene(scene, parameters).at()
     chosen = integrator or _integrator(loaded)
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
@@ -307,11 +309,11 @@ class View(ipywidgets.VBox):  # type: ignore[misc]  # ipywidgets has no type ann
                 self._canvas.request_draw()
 
     def _toned(self, radiance: NDArray[np.float64]) -> UInt8:
-        return image.tonemap(radiance, self._find_exposure(radiance), self._tonemap)
+        return tonemap(radiance, self._find_exposure(radiance), self._tonemap)
 
     def _find_exposure(self, radiance: NDArray[np.float64]) -> float:
         if self.exposure is None:
-            self.exposure = image.auto_exposure(radiance)
+            self.exposure = auto_exposure(radiance)
         return self.exposure
 
     def _report(self, live: LiveImage) -> None:

@@ -302,7 +302,7 @@ def numbers(name: str, value: Any, count: int) -> NDArray[np.float64]:
     """Return `count` finite numbers up to 1e15. Raises UsageError with the option's name for other values."""
     import numpy as np
 
-    from glpath.scene.geometry import LARGEST
+    from glpath.system.vectors import LARGEST
 
     try:
         given = np.asarray(value)

@@ -16,9 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneError, UsageError, warn
 from glpath.film.film import Film
-from glpath.film.image import luminance
 from glpath.film.noise import standard_error
-from glpath.film.units import Unit, conversion
 from glpath.integrators.by_name import AUTO, Integrator
 from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene
@@ -32,12 +30,14 @@ from glpath.rendering.options import RenderKeywords, colour, with_options
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.uniformity import Spread, spread_of
 from glpath.scene import Environment, Scene
-from glpath.scene.geometry import unit_normals
 from glpath.scene.maintenance import maintained
 from glpath.sensors.sensor import PointSensor
 from glpath.system.arguments import check_word, checked, real_array
+from glpath.system.colour import luminance
 from glpath.system.frames import data_frame, data_set
 from glpath.system.time_limit import check_time, preparing
+from glpath.system.units import Unit, conversion
+from glpath.system.vectors import unit_normals
 
 Float64 = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.image import decode_srgb
 from glpath.scene.geometry import Float64, Shape
 from glpath.scene.material import Material, Texture, TextureSlot, averaged
+from glpath.system.colour import decode_srgb
 
 if TYPE_CHECKING:
     from glpath.scene.model import Scene

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.scene.geometry import vector
 from glpath.system.arguments import checked_fields
+from glpath.system.vectors import vector
 
 Float64 = NDArray[np.float64]
 

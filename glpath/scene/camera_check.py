@@ -7,9 +7,9 @@ from numpy.polynomial import Polynomial
 
 from glpath.scene.camera import Camera, CameraKey
 from glpath.scene.choices import PROJECTIONS
-from glpath.scene.geometry import LARGEST
 from glpath.scene.source_location import SourceLocation
 from glpath.system.arguments import checked
+from glpath.system.vectors import LARGEST
 
 MAX_PIXELS = 2**28
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from glpath.film.image import luminance
+from glpath.system.colour import luminance
 
 if TYPE_CHECKING:
     from glpath.scene.model import Scene, Shape

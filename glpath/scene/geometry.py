@@ -17,14 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneError, UsageError
-from glpath.scene.digest import digest_of
 from glpath.scene.motion import Motion, moved_plane
 from glpath.scene.stream import Stream
 from glpath.system.arguments import short_repr
+from glpath.system.digest import digest_of
 from glpath.system.time_limit import check_time
-
-#: Largest allowed number in a scene: its square, even multiplied by 1e8, is finite in 32 bits.
-LARGEST = 1e15
+from glpath.system.vectors import LARGEST, vector
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
@@ -54,7 +52,7 @@ class Mesh:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 (hex) of everything that changes the image; see `glpath.scene.digest`."""
+        """SHA-256 (hex) of everything that changes the image; see `glpath.system.digest`."""
         return digest_of(self.vertices, self.faces, *self.of_vertices.values())
 
     @cached_property
@@ -129,27 +127,6 @@ class Mesh:
     def _with_vertices(self, which: NDArray[np.integer[Any]]) -> Mesh:
         selected = {name: None if values is None else values[which] for name, values in self.of_vertices.items()}
         return Mesh(self.vertices[which], self.faces, **selected)
-
-
-def vector(name: str, given: ArrayLike, low: float = -LARGEST, high: float = LARGEST) -> Float64:
-    """Return three numbers as a vector (3,) float64. Raises SceneError for anything else, such as NaN.
-
-    low, high : smallest and largest allowed number
-    """
-    if type(given) is np.ndarray and given.dtype == np.float64 and given.shape == (3,):
-        x, y, z = given.tolist()
-        if low <= x <= high and low <= y <= high and low <= z <= high:
-            return given
-    try:
-        found = np.asarray(given)
-        fits = found.shape == (3,) and found.dtype.kind in "fiub"
-        plain = found.astype(np.float64) if fits else np.zeros(0)
-    except (TypeError, ValueError):
-        plain = np.zeros(0)
-    if not len(plain) or not ((plain >= low) & (plain <= high)).all():
-        allowed = f"three finite numbers from {low:g} to {high:g}"
-        raise SceneError(f"{name}: {short_repr(given)}, but must be {allowed}.")
-    return plain
 
 
 IDENTITY = np.eye(3, 4)
@@ -312,7 +289,7 @@ class Shapes(tuple[Shape, ...]):
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 (hex) of everything that changes the image; see `glpath.scene.digest`."""
+        """SHA-256 (hex) of everything that changes the image; see `glpath.system.digest`."""
         return digest_of(tuple(self))
 
     @cached_property
@@ -509,30 +486,11 @@ def instance_boxes(mesh: Mesh, world_from_mesh: Float64) -> tuple[Float64, Float
     return lower, upper
 
 
-def unit_normals(normals: Float64) -> Float64:
-    """Return (N, 3) normals scaled to length 1; zero ones stay zero, and those that are not finite become NaN."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        length = np.linalg.norm(normals, axis=1, keepdims=True)
-        extreme = ~((length > 1e-100) & (length < 1e100))
-        if extreme.any():
-            # Scale extreme vectors first, because squares of the smallest are 0 and of the largest infinite.
-            longest = np.abs(normals).max(axis=1, keepdims=True)
-            normals = normals / np.where(extreme & (longest > 0), longest, 1.0)
-            length = np.linalg.norm(normals, axis=1, keepdims=True)
-        return np.asarray(normals / np.where(length > 0, length, 1.0))
-
-
 def _box(points: Float64) -> tuple[Float64, Float64]:
     """Return the (3,) lower and (3,) upper corner of the box around points (N, 3)."""
     # Column by column, because numpy is twenty times slower with all columns at once.
     columns = points.T
     return np.array([column.min() for column in columns]), np.array([column.max() for column in columns])
-
-
-def perpendicular(axis: Float64) -> Float64:
-    """Return a (3,) unit vector perpendicular to a unit axis. The same axis always gives the same vector."""
-    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    return np.asarray(across / np.linalg.norm(across))
 
 
 def sphere_extent(spheres: Float64) -> Float64:

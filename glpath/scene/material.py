@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError
-from glpath.film.image import decode_srgb
 from glpath.scene.directional_albedo import SMOOTH as SMOOTH
 from glpath.scene.directional_albedo import (
     boundary_reflectance,
@@ -20,10 +19,12 @@ from glpath.scene.directional_albedo import (
     hemispherical_albedo,
     plastic_entry,
 )
-from glpath.scene.geometry import LARGEST, Float64, vector
+from glpath.scene.geometry import Float64
 from glpath.scene.iridescence import film_reflects
 from glpath.scene.slab import between_faces, hemispherical
 from glpath.system.arguments import check_count, check_word, checked_fields, short_repr
+from glpath.system.colour import decode_srgb
+from glpath.system.vectors import LARGEST, vector
 
 Wrap = Literal["repeat", "clamp", "mirror"]
 Layering = Literal["gltf", "plastic", "disney", "beside"]

@@ -16,32 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import SceneError, UsageError, encodable, warn
-from glpath.film.image import check_exposure
-from glpath.film.units import UNITS, Unit
 from glpath.scene.background import Background
 from glpath.scene.camera import Camera, framing, may_be_framing, with_changes
 from glpath.scene.camera_check import check_camera
-from glpath.scene.digest import digest_of
-from glpath.scene.geometry import (
-    LARGEST,
-    Float64,
-    Int32,
-    Mesh,
-    Primitive,
-    Shape,
-    Shapes,
-    placed,
-    sphere_extent,
-    vector,
-)
+from glpath.scene.geometry import Float64, Int32, Mesh, Primitive, Shape, Shapes, placed, sphere_extent
 from glpath.scene.material import Material, Texture, TextureSlot, averaged, moved_textures
 from glpath.scene.portal import MAX_PORTALS, Portal
 from glpath.scene.profile import LightProfile
-from glpath.scene.sky import Environment, Sky
 from glpath.scene.stream import Stream
-from glpath.scene.studio import ground_below, nearest_axis, studio
+from glpath.sky.sky import Environment, Sky
+from glpath.sky.studio import ground_below, nearest_axis, studio
 from glpath.system.arguments import check_word, checked, checked_fields, short_repr
+from glpath.system.colour import check_exposure
+from glpath.system.digest import digest_of
 from glpath.system.time_limit import check_time
+from glpath.system.units import UNITS, Unit
+from glpath.system.vectors import LARGEST, vector
 
 __all__ = [
     "Camera",
@@ -87,7 +77,7 @@ class Light:
     intensity : (3,) float64, linear Rec. 709, in the unit of the scene. Point: intensity in W sr^-1 or cd. Spot:
                 intensity along its axis. Directional, or falloff "none": irradiance in W m^-2 or lx on a surface
                 that faces the light. Profile: factor of the profile's candela values, 1 in a photometric scene,
-                1 / `glpath.film.units.EFFICACY` in a radiometric one
+                1 / `glpath.system.units.EFFICACY` in a radiometric one
     position  : (3,) float64; without meaning for a directional light
     direction : (3,) float64, direction of light travel, normalized. For a point light with a profile, direction of
                 gamma = 0; without meaning for a point light without a profile
@@ -164,7 +154,8 @@ class Scene:
     exposure     : stops by which 8-bit images are brightened; None: result of `image.auto_exposure`
     centred_by   : (3,) float64 point that `centred` subtracted from all coordinates of this scene; None if the
                    coordinates are those of the file
-    unit         : unit of all light in the scene, "radiometric" (W) or "photometric" (lm); see `glpath.film.units`
+    unit         : unit of all light in the scene, "radiometric" (W) or "photometric" (lm); `glpath.system.units`
+                   describes both
 
     Raises UsageError for fields of a wrong type, and SceneError for numbers outside of their range and for a camera
     without a view.
@@ -487,7 +478,7 @@ class Scene:
         """Return the SHA-256 (hex) of everything that changes the image.
 
         It covers geometry, materials, textures, lights and camera, but not names. The digest is derived from the
-        model's fields (`glpath.scene.digest`). So a box has another digest than the same triangles written as a
+        model's fields (`glpath.system.digest`). So a box has another digest than the same triangles written as a
         mesh.
 
         camera : False leaves out camera and background; the rest determines the light, independent of the view

@@ -19,14 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError
-from glpath.film.image import encode_png, encode_srgb, png_html
+from glpath.film.image import encode_png, png_html
 from glpath.scene.appearance import Appearance
 from glpath.scene.camera import Camera
 from glpath.scene.geometry import Float64, sphere_extent
+from glpath.system.colour import encode_srgb
 
 if TYPE_CHECKING:
     from glpath.scene.model import Scene
-from glpath.film.units import Quantity, Unit, symbol
+from glpath.system.units import Quantity, Unit, symbol
 
 #: Maximum number of rows of a table, because a scene can have thousands of shapes.
 ROWS = 12

@@ -16,9 +16,9 @@ from glpath.errors import UsageError
 from glpath.scene.camera import CameraKey
 from glpath.scene.centre import moved_camera, origin_of
 from glpath.scene.choices import Projection
-from glpath.scene.geometry import LARGEST
 from glpath.scene.model import Camera, Scene
 from glpath.system.time_limit import check_time
+from glpath.system.vectors import LARGEST
 
 Vector = tuple[float, float, float]
 Float32 = NDArray[np.float32]

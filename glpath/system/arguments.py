@@ -202,6 +202,18 @@ def _converted(name: str, value: object, kind: _Type) -> Any:
     return _Parameters((), {name: (kind,)}, frozenset()).check({name: value}).get(name, value)
 
 
+def check_texts(metadata: Mapping[str, str] | None) -> None:
+    """Raise UsageError unless all metadata are text that UTF-8 can encode, with keys in Latin-1 as in a PNG."""
+    for key, value in (metadata or {}).items():
+        try:
+            key.encode("latin-1")
+            value.encode()
+        except (AttributeError, UnicodeEncodeError):
+            raise UsageError(
+                f"metadata[{short_repr(key)}]: {short_repr(value)} where text is needed, with a key in Latin-1"
+            ) from None
+
+
 def real_array(
     name: str, value: Any, allowed: str = "", fits: Callable[[tuple[int, ...]], bool] = lambda shape: True
 ) -> Any:

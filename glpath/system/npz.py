@@ -50,6 +50,8 @@ _DERIVED = 512 << 20
 _DERIVED_RATIO = 8 * _PICTURES_RATIO
 # Maximum size of these images in any case, bytes.
 _MAX_DERIVED = 1 << 33
+#: Bytes of memory for a pixel that is decoded to three float64.
+FLOAT_PIXEL = 24
 
 
 class Arrays:

@@ -1,5 +1,5 @@
 // sky.glsl: radiance of rays that hit nothing: a blend from the horizon (and below) to the zenith by the sine of the elevation,
-// or a bilinearly filtered environment map, and the sun. `glpath.scene.sky` is the same on the CPU.
+// or a bilinearly filtered environment map, and the sun. `glpath.sky.sky` is the same on the CPU.
 // Needs:  <SCENE> if HAS_ENVIRONMENT is set; HAS_SUN: the map also has a sun, a disc of constant radiance
 // Units:  radiance W sr^-1 m^-2, linear Rec. 709.
 #include "sampling/angles.glsl"

@@ -19,7 +19,7 @@ from benchmarks.cie171 import daylight, electric, glass, skies
 from benchmarks.cie171.case import Case, Measured
 from benchmarks.cie171.daylight import OVERHANGS, WINDOWS
 from benchmarks.cie171.exact import Float64, Rectangle, lambert, through
-from glpath.scene.cie_sky import cie_sky
+from glpath.sky.cie import cie_sky
 
 SUN = np.array([0.0, skies.SUN[1], skies.SUN[0]])
 BEFORE = SUN * [1, -1, 1]

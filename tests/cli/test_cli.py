@@ -27,8 +27,8 @@ from glpath.compare import Picture
 from glpath.errors import ContextError, SceneWarning
 from glpath.film import denoise
 from glpath.film.aovs import DENOISER_AOVS
+from glpath.film.exr import write_exr
 from glpath.film.film import Film, read_image
-from glpath.film.image import write_exr
 from glpath.integrators.gather_settings import GatherSettings
 from glpath.integrators.path_settings import PathBufferSettings, PathSettings
 from glpath.integrators.whitted_settings import TBufferSettings

@@ -21,8 +21,8 @@ from glpath.cli.point_model import save_glb, save_vtp
 from glpath.cli.point_report import save_report
 from glpath.cli.scene import light_of
 from glpath.errors import GlpathError, SceneWarning
-from glpath.film.image import encode_srgb
 from glpath.scene.maintenance import maintained
+from glpath.system.colour import encode_srgb
 from tests.io.test_vtk import arrays
 
 pytest.importorskip("matplotlib")

@@ -21,7 +21,8 @@ from typer.testing import CliRunner, Result
 from benchmarks.figures.outcome import Outcome, write
 from glpath.cli.main import app
 from glpath.errors import ImageError, UsageError
-from glpath.film import denoise, image
+from glpath.film import denoise
+from glpath.film.exr import write_exr
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata
 from glpath.radiosity import RadiositySolution
@@ -254,7 +255,7 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with a scene that names a model, which names a material file, which names a picture."""
     monkeypatch.chdir(tmp_path)
     iio.imwrite("skin.png", np.full((2, 2, 3), 99, np.uint8))
-    image.write_exr(Path("sky-0.exr"), np.ones((2, 4, 3), np.float32))
+    write_exr(Path("sky-0.exr"), np.ones((2, 4, 3), np.float32))
     Path("quad.obj").write_text(_OBJ)
     Path("quad.mtl").write_text("newmtl a\nmap_Kd skin.png\n")
     Path("scene.toml").write_text(SCENE + '[[assets]]\nfile = "quad.obj"\n')

@@ -34,7 +34,6 @@ from glpath.errors import (
 from glpath.film.film import Film
 from glpath.integrators.by_name import PathSettings
 from glpath.io.pictures import Pictures
-from glpath.io.sun_position import sun_positions
 from glpath.io.text import parse_numbers
 from glpath.jobs import worker
 from glpath.rendering import RenderJob
@@ -42,6 +41,7 @@ from glpath.rendering.choice import _solvable
 from glpath.rendering.factory import plan_of
 from glpath.rendering.run_options import RunOptions
 from glpath.rendering.session import remarks_of
+from glpath.sky.sun_position import sun_positions
 from tests.conftest import MakeFilm
 from tests.support.command_line import run
 

@@ -26,7 +26,9 @@ from glpath.compare import (
 )
 from glpath.compare.statistical import _known_bias
 from glpath.errors import GlpathError, ImageError, UsageError
-from glpath.film.image import decode_srgb, read_exr_channels, read_image
+from glpath.film.exr import read_exr_channels
+from glpath.film.image import read_image
+from glpath.system.colour import decode_srgb
 from tests.conftest import MakeFilm
 
 GREY = np.full((20, 24, 3), 0.5)

@@ -25,7 +25,9 @@ from glpath.compare import (
 )
 from glpath.compare.reading import check_sizes
 from glpath.errors import ImageError
-from glpath.film.image import decode_srgb, read_image, write_exr
+from glpath.film.exr import write_exr
+from glpath.film.image import read_image
+from glpath.system.colour import decode_srgb
 from tests.conftest import MakeFilm
 from tests.io.test_pictures import tiled_tiff, webp_of
 

@@ -15,8 +15,9 @@ import glpath
 from benchmarks.peers import other_python
 from glpath.errors import GlpathError, ImageError
 from glpath.film.cryptomatte import ShapeCounts, cryptomatte, hash_id, murmur3_32
+from glpath.film.exr import read_exr_channels
 from glpath.film.film import Film
-from glpath.film.image import read_exr_channels, read_image
+from glpath.film.image import read_image
 
 #: Out of Psyop's cryptomatte_utilities_tests.py, the reference implementation's own.
 PUBLISHED = {

@@ -22,8 +22,9 @@ from glpath.errors import GlpathError, UsageError
 from glpath.film import denoise
 from glpath.film.aovs import DENOISER_AOVS as AOVS
 from glpath.film.denoise import Guides, denoised, is_free_of_noise
+from glpath.film.exr import read_exr_channels
 from glpath.film.film import Film
-from glpath.film.image import read_exr_channels, read_image
+from glpath.film.image import read_image
 from glpath.rendering import RenderJob
 from glpath.rendering.run_options import RunOptions
 from glpath.sampling import MAX_SPP

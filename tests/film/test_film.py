@@ -18,10 +18,11 @@ from hypothesis import strategies as st
 
 import glpath
 from glpath.errors import ImageError, UsageError
-from glpath.film import image
 from glpath.film.batches import BATCHES, BLOCK, batch_of, blocks
+from glpath.film.exr import write_exr
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata, metadata_of
+from glpath.film.tonemap import auto_exposure, tonemap
 from tests.conftest import MakeFilm
 
 any_time = settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -253,7 +254,7 @@ def test_exr_has_the_pixel_aspect_nearest_to_a_camera_beyond_its_range(
     aspect: float, written: float, tmp_path: Path
 ) -> None:
     """OpenEXR refuses a pixelAspectRatio below 1e-6 or above 1e6, so that reading the file back is the witness."""
-    image.write_exr(tmp_path / "a.exr", np.ones((2, 2, 3)), pixel_aspect=aspect)
+    write_exr(tmp_path / "a.exr", np.ones((2, 2, 3)), pixel_aspect=aspect)
     header = OpenEXR.File(str(tmp_path / "a.exr")).header()
     assert header["pixelAspectRatio"] == pytest.approx(written)
 
@@ -379,12 +380,12 @@ def test_an_8_bit_picture_says_its_exposure_which_is_what_was_asked_or_the_scene
     make_film: MakeFilm, tmp_path
 ) -> None:
     film = make_film([(0, 32)])
-    auto = image.auto_exposure(film.mean)
+    auto = auto_exposure(film.mean)
     set_by_scene = replace(film, metadata=replace(film.metadata, exposure=-1.5))
     for found, asked, stops in ((film, None, auto), (film, 1, 1.0), (set_by_scene, None, -1.5)):
         found.save(tmp_path / "a.png", exposure=asked)
         assert float(iio.immeta(tmp_path / "a.png")["glpath.exposure_stops"]) == stops
-        expected = image.tonemap(film.mean, stops)
+        expected = tonemap(film.mean, stops)
         assert np.array_equal(iio.imread(tmp_path / "a.png"), expected)
         assert np.array_equal(found.to_srgb(exposure=asked), expected)
     assert set_by_scene.exposure_stops("auto") == auto

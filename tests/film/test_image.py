@@ -25,11 +25,14 @@ from glpath.compare import read_picture
 from glpath.errors import GlpathError, ImageError, UsageError
 from glpath.film import image
 from glpath.film.choices import TONEMAP_NAMES
+from glpath.film.exr import read_exr_channels, write_exr
 from glpath.film.film import read_image
+from glpath.film.tonemap import REINHARD_WHITE, TONEMAPS, auto_exposure, tonemap
 from glpath.io.named_files import UnusableError
 from glpath.io.pictures import Pictures
 from glpath.jobs.checkpoint import checkpoint_path
 from glpath.system import files
+from glpath.system.colour import REC709_CHROMATICITIES, decode_levels, decode_srgb, encode_srgb, luminance
 from glpath.system.locks import Lock
 from tests.conftest import MakeFilm
 from tests.support.damaged import write_jpeg_of_scans
@@ -39,58 +42,58 @@ RAMP = np.linspace(0, 1, 256)
 
 def test_the_srgb_curve_has_its_published_values() -> None:
     np.testing.assert_allclose(
-        image.encode_srgb(np.array([0.0, 0.0031308, 0.214041, 1.0])), [0, 0.04045, 0.5, 1], atol=1e-5
+        encode_srgb(np.array([0.0, 0.0031308, 0.214041, 1.0])), [0, 0.04045, 0.5, 1], atol=1e-5
     )
-    np.testing.assert_allclose(image.decode_srgb(image.encode_srgb(RAMP)), RAMP, atol=1e-12)
+    np.testing.assert_allclose(decode_srgb(encode_srgb(RAMP)), RAMP, atol=1e-12)
 
 
 def test_an_exposure_of_one_stop_doubles_the_light() -> None:
     radiance = np.random.default_rng(0).uniform(0, 0.4, (5, 7, 3))
-    assert np.array_equal(image.tonemap(radiance, exposure=1.0), image.tonemap(2 * radiance))
+    assert np.array_equal(tonemap(radiance, exposure=1.0), tonemap(2 * radiance))
 
 
 def test_every_tone_curve_that_is_offered_is_there() -> None:
-    assert tuple(image.TONEMAPS) == TONEMAP_NAMES
+    assert tuple(TONEMAPS) == TONEMAP_NAMES
 
 
-@pytest.mark.parametrize("operator", image.TONEMAPS)
+@pytest.mark.parametrize("operator", TONEMAPS)
 def test_every_operator_keeps_black_and_order_and_ends_at_white(operator: str) -> None:
     radiance = np.repeat(np.geomspace(1e-4, 1e4, 400)[None, :, None], 3, axis=2)
-    shown = image.tonemap(np.concatenate([np.zeros((1, 1, 3)), radiance], axis=1), operator=operator)
+    shown = tonemap(np.concatenate([np.zeros((1, 1, 3)), radiance], axis=1), operator=operator)
     assert shown.dtype == np.uint8
     assert shown[0, 0].tolist() == [0, 0, 0]
     assert (np.diff(shown[0, :, 0].astype(int)) >= 0).all()
     assert shown[0, -1].tolist() == [255, 255, 255]
 
 
-@pytest.mark.parametrize("operator", image.TONEMAPS)
+@pytest.mark.parametrize("operator", TONEMAPS)
 @pytest.mark.parametrize("stops", [500, 1000])
 def test_every_operator_shows_white_at_most_stops(operator: str, stops: int) -> None:
-    shown = image.tonemap([[[0.0, 0.0, 0.0], [0.5, 0.5, 0.5], [1e12, 1e12, 1e12]]], stops, operator)
+    shown = tonemap([[[0.0, 0.0, 0.0], [0.5, 0.5, 0.5], [1e12, 1e12, 1e12]]], stops, operator)
     assert shown[0, :, 0].tolist() == [0, 255, 255]
 
 
 def test_reinhard_takes_its_white_to_one_and_keeps_colour() -> None:
-    white = np.full((1, 1, 3), image.REINHARD_WHITE)
-    assert image.TONEMAPS["reinhard"](white) == pytest.approx(1.0)
+    white = np.full((1, 1, 3), REINHARD_WHITE)
+    assert TONEMAPS["reinhard"](white) == pytest.approx(1.0)
     colour = np.array([[[0.9, 0.3, 0.1]]])
-    ratio = image.TONEMAPS["reinhard"](colour) / colour
+    ratio = TONEMAPS["reinhard"](colour) / colour
     assert ratio == pytest.approx(ratio[0, 0, 0])
 
 
 def test_an_unknown_operator_is_refused_with_the_list() -> None:
     with pytest.raises(UsageError, match=r"no operator 'filmic'. Allowed: srgb, reinhard, aces"):
-        image.tonemap(np.ones((1, 1, 3)), operator="filmic")
+        tonemap(np.ones((1, 1, 3)), operator="filmic")
 
 
 def test_exr_holds_float32_and_where_it_lies_and_what_it_means(tmp_path: Path) -> None:
     radiance = np.random.default_rng(1).uniform(0, 50, (4, 5, 3))
     path = tmp_path / "a.exr"
-    image.write_exr(path, radiance, {"glpath.seed": "7"}, window=(2, 1, 5, 4), full_resolution=(9, 8))
+    write_exr(path, radiance, {"glpath.seed": "7"}, window=(2, 1, 5, 4), full_resolution=(9, 8))
     assert np.array_equal(image.read_image(path), radiance.astype(np.float32))
     header = OpenEXR.File(str(path)).header()
     assert header["glpath.seed"] == "7"
-    assert header["chromaticities"] == pytest.approx(image.REC709_CHROMATICITIES)
+    assert header["chromaticities"] == pytest.approx(REC709_CHROMATICITIES)
     assert header["compression"] == OpenEXR.ZIP_COMPRESSION
     assert [c.name for c in header["channels"]] == ["B", "G", "R"]
 
@@ -110,7 +113,7 @@ def test_textures_have_the_display_window_of_an_exr(
 ) -> None:
     path = tmp_path / "a.exr"
     pixels = np.repeat(np.array([[[1.0], [2.0]]]), 3, axis=2)
-    image.write_exr(path, pixels, window=window, full_resolution=resolution, alpha=np.ones((1, 2)))
+    write_exr(path, pixels, window=window, full_resolution=resolution, alpha=np.ones((1, 2)))
     assert image.read_texture(path)[..., 0].tolist() == expected
     assert image.read_environment(path)[..., 2].tolist() == expected
     assert (image.read_texture(path, alpha=True)[..., 3] > 0).tolist() == (np.array(expected) > 0).tolist()
@@ -142,7 +145,7 @@ def test_an_exr_of_other_primaries_is_converted(
 
 def test_chromaticities_that_are_no_colours_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
-    for broken in ((0.0,) * 8, (*image.REC709_CHROMATICITIES[:7], 0.0)):
+    for broken in ((0.0,) * 8, (*REC709_CHROMATICITIES[:7], 0.0)):
         header = {"type": OpenEXR.scanlineimage, "chromaticities": broken}
         OpenEXR.File(header, {"RGB": np.ones((1, 1, 3), np.float32)}).write(str(path))
         with pytest.raises(ImageError, match=r"its chromaticities \[.*\] are not those of colours"):
@@ -158,7 +161,7 @@ def test_png_holds_the_picture_and_its_metadata(tmp_path: Path) -> None:
 
 def test_png_comes_back_as_linear_light(tmp_path: Path) -> None:
     grey = np.repeat(RAMP[None, :, None], 3, axis=2)
-    image.write_png(tmp_path / "a.png", image.tonemap(grey))
+    image.write_png(tmp_path / "a.png", tonemap(grey))
     np.testing.assert_allclose(image.read_image(tmp_path / "a.png"), grey, atol=5e-3)
 
 
@@ -210,14 +213,14 @@ def test_a_jpeg_is_read_as_srgb_whatever_its_colour_model(tmp_path: Path) -> Non
         expected = np.array([200, 100, 50] if mode != "L" else [128] * 3) / 255
         found = image.read_image(tmp_path / "a.jpg")
         assert found.shape == (8, 16, 3)
-        np.testing.assert_allclose(image.encode_srgb(found), np.broadcast_to(expected, found.shape), atol=0.02)
+        np.testing.assert_allclose(encode_srgb(found), np.broadcast_to(expected, found.shape), atol=0.02)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".exr", ".hdr"])
 def test_the_size_of_a_picture_is_in_its_header(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     if suffix == ".exr":
-        image.write_exr(path, np.ones((4, 6, 3)), window=(2, 1, 6, 4), full_resolution=(9, 8))
+        write_exr(path, np.ones((4, 6, 3)), window=(2, 1, 6, 4), full_resolution=(9, 8))
     elif suffix == ".hdr":
         path.write_bytes(b"#?RADIANCE\n\n-Y 4 +X 6\n" + bytes(4 * 6 * 4))
     else:
@@ -234,7 +237,7 @@ def test_the_size_of_a_picture_is_in_its_header(tmp_path: Path, suffix: str) -> 
 @pytest.mark.parametrize("kept", [600, 10_000, -1])
 def test_a_cut_off_exr_is_named(tmp_path: Path, kept: int) -> None:
     path = tmp_path / "cut.exr"
-    image.write_exr(path, np.random.default_rng(3).random((40, 40, 3)))
+    write_exr(path, np.random.default_rng(3).random((40, 40, 3)))
     path.write_bytes(path.read_bytes()[:kept])
     with pytest.raises(ImageError, match=r"cut.exr: cannot be read"):
         image.read_image(path)
@@ -293,7 +296,7 @@ def test_jpeg_of_many_scans_is_refused_and_of_few_is_read(tmp_path: Path) -> Non
 
 def test_exr_of_very_many_channels_or_attributes_is_refused(tmp_path: Path) -> None:
     path, radiance = tmp_path / "a.exr", np.zeros((2, 2, 3))
-    image.write_exr(path, radiance, {f"a{i}": "b" for i in range(1000)})
+    write_exr(path, radiance, {f"a{i}": "b" for i in range(1000)})
     assert image.read_image(path).shape == (2, 2, 3)
     content = path.read_bytes()
     attribute = b"a\0string\0" + struct.pack("<I", 1) + b"b"
@@ -308,11 +311,11 @@ def test_exr_of_very_many_channels_or_attributes_is_refused(tmp_path: Path) -> N
 def test_deep_parts_of_an_exr_are_refused(
     kind: OpenEXR.Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    image.write_exr(tmp_path / "a.exr", np.zeros((2, 2, 3)))
+    write_exr(tmp_path / "a.exr", np.zeros((2, 2, 3)))
     flat = OpenEXR.File(str(tmp_path / "a.exr"), header_only=True).parts[0]
     deep = SimpleNamespace(header={**flat.header, "type": kind})
     monkeypatch.setattr(OpenEXR, "File", lambda *_, **__: SimpleNamespace(parts=[flat, deep]))
-    for read in (image.read_image, image.picture_size, image.read_exr_channels):
+    for read in (image.read_image, image.picture_size, read_exr_channels):
         with pytest.raises(ImageError, match="its part 2 has deep pixels, but only flat pixels are read"):
             read(tmp_path / "a.exr")
 
@@ -381,7 +384,7 @@ def test_whether_a_file_can_be_written_is_known_before(tmp_path: Path) -> None:
     with pytest.raises(ImageError, match="is a file, but a folder of this name is needed"):
         files.check_writable(tmp_path / "file" / "a.png")
     with pytest.raises(ImageError, match="cannot be written"):
-        image.write_exr(tmp_path / "file" / "a.exr", np.ones((1, 1, 3)))
+        write_exr(tmp_path / "file" / "a.exr", np.ones((1, 1, 3)))
     with pytest.raises(ImageError, match="is a folder"):
         files.check_writable(tmp_path)
 
@@ -394,27 +397,27 @@ def test_a_folder_that_refuses_files_is_known_before() -> None:
 
 def test_auto_exposure_follows_its_rule() -> None:
     grey = np.full((8, 8, 3), 0.18 / 4)
-    assert image.auto_exposure(grey) == 2.0
+    assert auto_exposure(grey) == 2.0
     framed = np.zeros((16, 16, 3))
     framed[4:12, 4:12] = grey
-    assert image.auto_exposure(framed) == 2.0, "what has no light does not count"
+    assert auto_exposure(framed) == 2.0, "what has no light does not count"
     lamp = grey.copy()
     lamp[0, 0] = 1e4
-    assert abs(image.auto_exposure(lamp) - 2.0) <= 0.25, "a lamp in view changes little"
-    assert image.auto_exposure(np.full((4, 4, 3), 0.9)) == 0.0, "a bright picture stays bright"
-    assert image.auto_exposure(np.full((4, 4, 3), 8.0)) == -3.0, "until its 99th percentile is white"
-    assert image.auto_exposure(np.zeros((4, 4, 3))) == 0.0
+    assert abs(auto_exposure(lamp) - 2.0) <= 0.25, "a lamp in view changes little"
+    assert auto_exposure(np.full((4, 4, 3), 0.9)) == 0.0, "a bright picture stays bright"
+    assert auto_exposure(np.full((4, 4, 3), 8.0)) == -3.0, "until its 99th percentile is white"
+    assert auto_exposure(np.zeros((4, 4, 3))) == 0.0
     spark = np.zeros((16, 16, 3))
     spark[0, 0] = 0.18
-    assert image.auto_exposure(spark) == 0.0, "less than a hundredth of it has light"
+    assert auto_exposure(spark) == 0.0, "less than a hundredth of it has light"
 
 
 def test_auto_exposure_scales_with_the_light_and_hears_no_noise() -> None:
     rng = np.random.default_rng(1)
     radiance = rng.lognormal(-3, 1, (64, 64, 3))
     noisy = radiance * rng.uniform(0.9, 1.1, radiance.shape)
-    assert image.auto_exposure(radiance / 8) == image.auto_exposure(radiance) + 3
-    assert abs(image.auto_exposure(noisy) - image.auto_exposure(radiance)) <= 0.25
+    assert auto_exposure(radiance / 8) == auto_exposure(radiance) + 3
+    assert abs(auto_exposure(noisy) - auto_exposure(radiance)) <= 0.25
 
 
 @pytest.mark.parametrize("name", ["a" * 251, "a" * 240, "\u00fc" * 125])
@@ -468,7 +471,7 @@ def test_a_name_that_is_too_long_is_found_before_the_work(length: int, tmp_path:
 
 def test_levels_are_looked_up_to_the_bit() -> None:
     levels = np.random.default_rng(0).integers(0, 256, (37, 41, 3), np.uint8)
-    assert np.array_equal(image.decode_levels(levels), image.decode_srgb(levels / 255))
+    assert np.array_equal(decode_levels(levels), decode_srgb(levels / 255))
 
 
 def test_a_jpeg_has_the_pixels_of_the_png_and_its_metadata(make_film: MakeFilm, tmp_path: Path) -> None:
@@ -513,25 +516,25 @@ COLOURS, LEVELS = np.ones((4, 4, 3)), np.zeros((4, 4, 3), np.uint8)
 @pytest.mark.parametrize(
     "call",
     [
-        lambda path: image.luminance("x"),
-        lambda path: image.luminance(np.ones((4, 4))),
-        lambda path: image.auto_exposure(np.ones((4, 4))),
-        lambda path: image.decode_srgb("x"),
-        lambda path: image.encode_srgb(None),
-        lambda path: image.tonemap(COLOURS, "x"),
-        lambda path: image.tonemap(COLOURS, math.nan),
-        lambda path: image.tonemap(COLOURS, 0, ["srgb"]),
-        lambda path: image.tonemap(np.ones((4, 4))),
+        lambda path: luminance("x"),
+        lambda path: luminance(np.ones((4, 4))),
+        lambda path: auto_exposure(np.ones((4, 4))),
+        lambda path: decode_srgb("x"),
+        lambda path: encode_srgb(None),
+        lambda path: tonemap(COLOURS, "x"),
+        lambda path: tonemap(COLOURS, math.nan),
+        lambda path: tonemap(COLOURS, 0, ["srgb"]),
+        lambda path: tonemap(np.ones((4, 4))),
         lambda path: image.encode_png(COLOURS),
         lambda path: image.encode_png(np.zeros((0, 0, 3), np.uint8)),
         lambda path: image.encode_png(LEVELS, {"a": 5}),
         lambda path: image.encode_png(LEVELS, {"a": "\ud800"}),
         lambda path: image.write_png(path / "a.png", COLOURS),
         lambda path: image.write_png(path / "a\0.png", LEVELS),
-        lambda path: image.write_exr(None, COLOURS),
-        lambda path: image.write_exr(path / "a.exr", np.ones((4, 4))),
-        lambda path: image.write_exr(path / "a.exr", COLOURS, window=(2**62, 0, 4, 4)),
-        lambda path: image.write_exr(path / "a.exr", COLOURS, alpha=np.ones((2, 2))),
+        lambda path: write_exr(None, COLOURS),
+        lambda path: write_exr(path / "a.exr", np.ones((4, 4))),
+        lambda path: write_exr(path / "a.exr", COLOURS, window=(2**62, 0, 4, 4)),
+        lambda path: write_exr(path / "a.exr", COLOURS, alpha=np.ones((2, 2))),
         lambda path: image.read_image(path / "a\0.png"),
     ],
 )
@@ -548,5 +551,5 @@ def test_a_float_picture_as_a_png_has_a_remedy() -> None:
 
 
 def test_srgb_functions_keep_the_type_of_arrays() -> None:
-    assert image.decode_srgb(np.ones(3, np.float32)).dtype == np.float32
-    assert image.encode_srgb([0.0, 1.0]).tolist() == pytest.approx([0.0, 1.0])  # type: ignore[arg-type]
+    assert decode_srgb(np.ones(3, np.float32)).dtype == np.float32
+    assert encode_srgb([0.0, 1.0]).tolist() == pytest.approx([0.0, 1.0])  # type: ignore[arg-type]

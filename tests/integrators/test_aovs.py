@@ -15,8 +15,9 @@ import glpath
 from benchmarks.peers import mitsuba as mitsuba_peer
 from glpath.errors import ImageError, UsageError
 from glpath.film.aovs import AOVS, DENOISER_AOVS, FAR
+from glpath.film.exr import read_exr_channels
 from glpath.film.film import Film
-from glpath.film.image import read_exr_channels, read_image
+from glpath.film.image import read_image
 from glpath.integrators import aovs
 from glpath.rendering import RenderJob, run
 from glpath.scene import Scene

@@ -19,8 +19,8 @@ from glpath.errors import ImageError, SceneError, SceneWarning
 from glpath.film.film import Film
 from glpath.io.load import scene_from_dict
 from glpath.io.obj import Part, read_obj
-from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Mesh, Scene
+from glpath.system.vectors import unit_normals
 from tests.conftest import MakeFilm
 from tests.support.damaged import bomb
 from tests.support.repository import TESTS

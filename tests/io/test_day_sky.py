@@ -10,9 +10,9 @@ import pytest
 
 import glpath
 from glpath.errors import GlpathError, SceneError, SceneWarning
-from glpath.film.units import EFFICACY
 from glpath.scene.model import Environment
-from glpath.scene.perez_sky import PerezSky
+from glpath.sky.perez import PerezSky
+from glpath.system.units import EFFICACY
 from tests.support.weather_files import write_epw
 
 NOON = {"latitude": 47.5, "longitude": 8.5, "time": "2024-06-21T12:30", "timezone": 1}

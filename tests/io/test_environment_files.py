@@ -11,9 +11,11 @@ from typer.testing import CliRunner
 
 from glpath import SceneError, SceneWarning, load_scene
 from glpath.cli.main import app
-from glpath.film.image import decode_srgb, write_exr, write_png
+from glpath.film.exr import write_exr
+from glpath.film.image import write_png
 from glpath.io import description
 from glpath.scene import Environment
+from glpath.system.colour import decode_srgb
 from tests.support.rgbe_files import colours, run_lengths
 
 HEAD = """

@@ -33,7 +33,7 @@ from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.io.weather import read_weather
 from glpath.radiosity.solution import FORMAT as SOLUTION_FORMAT
 from glpath.rendering import RenderJob
-from glpath.scene.digest import digest_of
+from glpath.system.digest import digest_of
 from tests.support import honeybee_model
 
 SCENE = '<scene version="3.0.0">{}<shape type="rectangle"/></scene>'

@@ -14,15 +14,16 @@ import pytest
 
 import glpath
 from glpath.errors import SceneError, SceneWarning
-from glpath.film.image import encode_png, write_exr
+from glpath.film.exr import write_exr
+from glpath.film.image import encode_png
 from glpath.io.export.mitsuba_xml import ply
 from glpath.io.library import scene_parameters
-from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Environment, Material, Mesh, Scene, Shape, Sky, TextureSlot
-from glpath.scene.sky_map import horizontal_irradiance
 from glpath.scene.tessellate import box_mesh, unit_sphere
 from glpath.scene.triangulate import path_traceable
+from glpath.sky.maps import horizontal_irradiance
 from glpath.system.files import read_bytes
+from glpath.system.vectors import unit_normals
 from tests.io.test_export import everything, quietly
 from tests.support.command_line import run
 

@@ -21,7 +21,7 @@ import glpath
 from glpath import load_scene
 from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning, UsageError
-from glpath.film.image import decode_srgb, write_exr
+from glpath.film.exr import write_exr
 from glpath.io import scene_cameras, scene_parameters
 from glpath.io.completed import aside
 from glpath.io.mtl import Library, _Reader
@@ -30,6 +30,7 @@ from glpath.io.values import nearby_files
 from glpath.rendering.job import RenderJob, describe
 from glpath.scene import Environment, Material, Scene, check_scene
 from glpath.scene.camera import framing
+from glpath.system.colour import decode_srgb
 from tests.support.gltf_files import Gltf
 from tests.support.lit_models import CAMERA_AND_LIGHT
 from tests.support.models import FACES, MTL, gltf, obj

@@ -19,11 +19,11 @@ from PIL import Image
 
 from glpath import load_scene
 from glpath.errors import SceneError, TimeLimitError
-from glpath.film.image import decode_srgb
 from glpath.io.completed import aside
 from glpath.io.named_files import NamedFiles, UnusableError
 from glpath.io.pictures import Pictures, pixels_of
 from glpath.scene.model import Scene
+from glpath.system.colour import decode_srgb
 from glpath.system.time_limit import limited, named_work
 
 BROWN = (120, 80, 40)

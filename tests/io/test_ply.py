@@ -13,8 +13,8 @@ import pytest
 import trimesh
 
 from glpath import Scene, SceneError, SceneWarning, load_scene
-from glpath.film.image import decode_srgb
 from glpath.scene.model import Mesh
+from glpath.system.colour import decode_srgb
 
 # A cube of side 2, fronts outward: its area is 24 and its volume 8.
 CORNERS = [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)]

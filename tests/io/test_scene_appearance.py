@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from glpath.errors import SceneError, SceneWarning
-from glpath.film.image import decode_srgb, write_exr
+from glpath.film.exr import write_exr
 from glpath.io import load_scene, scene_from_dict
 from glpath.scene import Scene
+from glpath.system.colour import decode_srgb
 
 HEAD = """
 [camera]

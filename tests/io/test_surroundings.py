@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from glpath import SceneError, UsageError, load_scene
-from glpath.film.image import write_exr
+from glpath.film.exr import write_exr
 from glpath.io.plain_background import PLAIN
 from glpath.scene import Environment
 

@@ -11,9 +11,9 @@ import pytest
 import trimesh
 
 import glpath
-from glpath.film.image import write_exr
-from glpath.film.units import EFFICACY
+from glpath.film.exr import write_exr
 from glpath.scene.model import Scene
+from glpath.system.units import EFFICACY
 from tests.support.gltf_files import Gltf
 
 CAMERA = "camera = { position = [0, 0, 4], target = [0, 0, 0] }\n"

@@ -14,8 +14,8 @@ import pytest
 pvlib = pytest.importorskip("pvlib")
 
 from glpath.errors import SceneError, SceneWarning  # noqa: E402
-from glpath.io.sun_position import clear_day, sun_of_hours, sun_positions  # noqa: E402
 from glpath.io.weather import Weather, _irradiance, read_weather  # noqa: E402
+from glpath.sky.sun_position import clear_day, sun_of_hours, sun_positions  # noqa: E402
 from tests.support.weather_files import Change, write_epw  # noqa: E402
 
 
@@ -138,7 +138,7 @@ def test_comments_of_a_weather_file_are_not_read(epw: Path, weather: Weather, tm
 def test_warnings_of_libraries_are_no_errors(epw: Path) -> None:
     """Only the own warnings of a program that runs with -W error should stop it."""
     code = "import sys; from glpath.io.weather import read_weather; read_weather(sys.argv[1]).sun; "
-    code += "from glpath.io.sun_position import clear_day; import numpy as np; "
+    code += "from glpath.sky.sun_position import clear_day; import numpy as np; "
     code += "clear_day(np.array(['2023-06-21T12'], 'datetime64[s]'), 47.5, 8.5)"
     subprocess.run([sys.executable, "-W", "error", "-c", code, str(epw)], check=True)
 

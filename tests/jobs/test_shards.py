@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import glpath
+from glpath.film.exr import read_exr_channels
 from glpath.film.film import Film, read_image
-from glpath.film.image import read_eight_bits, read_exr_channels
+from glpath.film.image import read_eight_bits
 from glpath.gl.opening import CollectingContext
 from glpath.jobs.shards import merge_shards
 from glpath.rendering import RenderJob

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.film.image import read_eight_bits, read_exr_channels
+from glpath.film.exr import read_exr_channels
+from glpath.film.image import read_eight_bits
 from glpath.scene import Background, Scene
 
 ENGINES: list[dict[str, Any]] = [

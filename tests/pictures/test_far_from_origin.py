@@ -19,7 +19,7 @@ import glpath
 from benchmarks.figures.eye_hits import ShownHits
 from glpath import Film, SceneWarning, load_scene, render
 from glpath.apps.lightmap.atlas import packed
-from glpath.film.image import read_exr_channels
+from glpath.film.exr import read_exr_channels
 from glpath.rendering import RenderJob, run
 from glpath.rendering.points import irradiance
 from glpath.scene import Scene

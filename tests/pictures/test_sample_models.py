@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import glpath
-from glpath.film.image import decode_srgb
 from glpath.io.completed import aside
 from glpath.io.gltf import read_gltf
 from glpath.scene.model import Camera, Float64, Light, Scene
+from glpath.system.colour import decode_srgb
 from tests.support.sample_models import MODELS, TRANSFORMS, WRAPS, checker, dome, write_models
 
 #: Pixels of a plate: a unit of length.

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 import glpath
 from glpath.errors import SceneError
-from glpath.film.image import decode_srgb
 from glpath.radiosity.mesh.mesh import Elements
 from glpath.radiosity.mesh.sides import Sides
 from glpath.scene.appearance import Appearance, texture_at
 from glpath.scene.material import SLOTS as SLOT_NAMES
 from glpath.scene.model import Float64, Material, Mesh, Scene, Shape, Sky, Texture, TextureSlot
+from glpath.system.colour import decode_srgb
 from tests.support.surfaces import BLACK, GREY, camera, lamp, level, quad, scene_of
 
 WHITE = Material("white", np.ones(3))

@@ -37,8 +37,8 @@ from glpath.rendering.job import with_overrides
 from glpath.rendering.options import annotation_of, checked, options, settings_of, with_options
 from glpath.rendering.points import lit
 from glpath.rendering.run_options import RunKeywords, RunOptions
-from glpath.scene.geometry import vector
 from glpath.sensors.sensor import CameraSensor
+from glpath.system.vectors import vector
 
 BOX = "cornell-box-36"
 

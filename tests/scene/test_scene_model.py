@@ -18,7 +18,6 @@ from glpath.errors import GlpathError, SceneError
 from glpath.io import load_scene, scene_from_dict
 from glpath.radiosity.picture import picture_of
 from glpath.scene import Background, CameraKey, Motion, check_camera, check_scene, path_traceable
-from glpath.scene.digest import UNSEEN
 from glpath.scene.material import SLOTS
 from glpath.scene.model import (
     Camera,
@@ -35,8 +34,9 @@ from glpath.scene.model import (
     TextureSlot,
 )
 from glpath.scene.portal import Portal
-from glpath.scene.sun import Sun
 from glpath.scene.tessellate import unit_sphere
+from glpath.sky.sun import Sun
+from glpath.system.digest import UNSEEN
 
 CAMERA = {"position": [0, 0, 9], "target": [0, 0, 0]}
 QUAD = {"type": "quad", "corners": [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]}

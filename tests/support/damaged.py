@@ -39,6 +39,7 @@ from glpath.film import image
 from glpath.film.batches import blocks
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata
+from glpath.film.tonemap import tonemap
 from glpath.radiosity import RadiositySolution
 from glpath.rendering import RenderJob
 
@@ -174,7 +175,7 @@ def make(folder: Path) -> None:
     np.save(folder / "picture.npy", film.mean)
     from PIL import Image
 
-    Image.fromarray(image.tonemap(film.mean)).save(folder / "picture.jpg")
+    Image.fromarray(tonemap(film.mean)).save(folder / "picture.jpg")
     RenderJob.of("cornell-box-36", spp=4, resolution=(8, 8)).save(folder / "job.json")
     (folder / "mesh.obj").write_text(OBJ)
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], "<f4")

@@ -21,8 +21,9 @@ from hypothesis import strategies as st
 
 import glpath
 from glpath.compare import Picture, read_picture
+from glpath.film.exr import write_exr
 from glpath.film.film import Film
-from glpath.film.image import picture_size, write_exr
+from glpath.film.image import picture_size
 from glpath.io.weather import read_weather
 from glpath.jobs.connection import _address_in
 from glpath.radiosity import RadiositySolution

@@ -211,7 +211,7 @@ def picture(glb: str | Path, width: int, height: int, **options: Any) -> np.ndar
 if __name__ == "__main__":
     from PIL import Image
 
-    from glpath.film.image import encode_srgb
+    from glpath.system.colour import encode_srgb
 
     shown = picture(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
     Image.fromarray((encode_srgb(np.clip(shown, 0, 1)) * 255 + 0.5).astype(np.uint8)).save(sys.argv[4])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from glpath.io.sun_position import sun_of_hours
+from glpath.sky.sun_position import sun_of_hours
 
 #: Changes one row of the file, a list of its fields, or leaves it out (None).
 Change = Callable[[int, list[str]], list[str] | None]

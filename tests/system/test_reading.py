@@ -21,6 +21,7 @@ import pytest
 import glpath
 from glpath.errors import GlpathError, ImageError
 from glpath.film import image
+from glpath.film.exr import write_exr
 from glpath.film.film import Film
 from glpath.jobs.checkpoint import Checkpoint
 from glpath.rendering import RenderJob
@@ -108,7 +109,7 @@ def test_openexr_writes_nothing_beside_the_error_of_a_command(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     draw = np.random.default_rng(0)
-    image.write_exr(tmp_path / "a.exr", draw.random((32, 32, 3)))
+    write_exr(tmp_path / "a.exr", draw.random((32, 32, 3)))
     whole = (tmp_path / "a.exr").read_bytes()
     for start in range(len(whole) // 4, len(whole), len(whole) // 8):
         broken = bytearray(whole)
@@ -124,7 +125,7 @@ def test_program_writes_to_its_standard_output_during_exr_files(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Lines of other threads, here of OpenEXR itself, stay in their order and streams."""
-    image.write_exr(tmp_path / "a.exr", np.ones((2, 2, 3)))
+    write_exr(tmp_path / "a.exr", np.ones((2, 2, 3)))
     original, stdout = OpenEXR.File, sys.stdout
 
     def print_and_open(*arguments: Any, **options: Any) -> Any:
@@ -135,7 +136,7 @@ def test_program_writes_to_its_standard_output_during_exr_files(
         return original(*arguments, **options)
 
     monkeypatch.setattr(OpenEXR, "File", print_and_open)
-    image.write_exr(tmp_path / "b.exr", np.ones((2, 2, 3)))
+    write_exr(tmp_path / "b.exr", np.ones((2, 2, 3)))
     assert capfd.readouterr() == ("row\nrow of a child process\n", "error\n")
     glpath.read_image(tmp_path / "a.exr")
     assert capfd.readouterr()[1] == "error\n" * 2  # of the header and the pixels

@@ -128,6 +128,9 @@ TASKS = (
         {
             "glpath": ("read_image", "relative_mse", "element_error", "ElementError"),
             "glpath.film.image": (),
+            "glpath.film.exr": (),
+            "glpath.film.tonemap": (),
+            "glpath.system.colour": (),
             "glpath.compare": (),
         },
     ),

@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from glpath.apps.daylight.hits import BATCHES, Hits, cast_hits, ray_count
 from glpath.apps.daylight.indirect import Indirect
 from glpath.apps.daylight.receivers import Receiver
-from glpath.film.image import LUMINANCE
 from glpath.gl.constants import RAY_ROUNDING
 from glpath.radiosity.mesh.mesh import Elements, divisions_of_size, occluder_of_triangle, size_for_count, surfaces
 from glpath.radiosity.mesh.sides import Sides, Solids
@@ -36,6 +35,7 @@ from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.rays import rays_of
 from glpath.radiosity.solvers.particles import Surfaces
 from glpath.scene import Scene
+from glpath.system.colour import LUMINANCE
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]

@@ -27,10 +27,10 @@ from glpath.apps.daylight.sky_patches import SUBDIVISIONS, SkyPatches
 from glpath.apps.daylight.texels import Texels
 from glpath.errors import ImageError, UsageError
 from glpath.gl.parallel_rays import WORD
-from glpath.scene.geometry import LARGEST
 from glpath.system.arguments import check_array, check_count, check_word, checked, short_repr
 from glpath.system.files import whole_file
 from glpath.system.npz import Arrays, open_npz
+from glpath.system.vectors import LARGEST
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]

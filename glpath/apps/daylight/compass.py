@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import UsageError
 from glpath.scene import Scene
-from glpath.scene.sky import NORTH
+from glpath.sky.sky import NORTH
 from glpath.system.arguments import short_repr
 
 Float64 = NDArray[np.float64]

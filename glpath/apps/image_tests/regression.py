@@ -37,7 +37,8 @@ from glpath.compare import (
 )
 from glpath.compare.masks import Ignore, mask_of, masked, padded
 from glpath.errors import GlpathError, ImageError, UsageError
-from glpath.film.image import read_exr_channels, write_png
+from glpath.film.exr import read_exr_channels
+from glpath.film.image import write_png
 from glpath.system.arguments import checked
 from glpath.system.private_interfaces import is_xfail
 

@@ -15,8 +15,8 @@ from glpath.apps.lightmap.diffuse import reflected
 from glpath.apps.lightmap.pages import pages_of
 from glpath.apps.lightmap.surfaces import AtlasSurfaces
 from glpath.errors import SceneError, warn
-from glpath.film.image import encode_png, encode_srgb, write_exr
-from glpath.film.units import symbol
+from glpath.film.exr import write_exr
+from glpath.film.image import encode_png
 from glpath.io.export import gltf_json
 from glpath.io.export.geometry import behind, listed
 from glpath.io.export.glb import Glb
@@ -24,7 +24,9 @@ from glpath.io.export.gltf import write_gltf
 from glpath.scene.geometry import Mesh, Shape, Shapes
 from glpath.scene.material import Material
 from glpath.scene.model import Float64, Scene
+from glpath.system.colour import encode_srgb
 from glpath.system.files import replacing_links, write_bytes
+from glpath.system.units import symbol
 
 if TYPE_CHECKING:
     from glpath.apps.lightmap.atlas import Atlas

@@ -30,7 +30,8 @@ from glpath.apps.lightmap.view import seen_by_camera
 from glpath.errors import UsageError, warning_scope
 from glpath.film.denoise import can_denoise, denoised_lightmap, require_denoiser
 from glpath.film.film import Film
-from glpath.film.image import auto_exposure, check_exposure, encode_png, encode_srgb, luminance
+from glpath.film.image import encode_png
+from glpath.film.tonemap import auto_exposure
 from glpath.integrators.by_name import AUTO, IntegratorKeywords
 from glpath.integrators.settings import IntegratorSettings
 from glpath.io import AnyScene, load_scene
@@ -43,6 +44,7 @@ from glpath.rendering.run_options import RunOptions
 from glpath.scene import Scene
 from glpath.sensors.sensor import PointSensor
 from glpath.system.arguments import check_word, checked
+from glpath.system.colour import check_exposure, encode_srgb, luminance
 from glpath.system.time_limit import lift_limit, without_limit_if_resumed
 
 Materials = Literal["unlit", "keep"]

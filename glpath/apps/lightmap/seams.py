@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.apps.lightmap.atlas import Atlas
-from glpath.film.image import luminance
 from glpath.scene import Scene
 from glpath.scene.model import Float64
+from glpath.system.colour import luminance
 
 Float32 = NDArray[np.float32]
 Int64 = NDArray[np.int64]

@@ -28,11 +28,11 @@ from glpath.apps.terrain.reading import AnyField, load_height_field
 from glpath.apps.terrain.sky_kernels import add_sky
 from glpath.apps.terrain.sweep import horizon_tangents, lattice_directions
 from glpath.errors import UsageError, warn
-from glpath.scene.geometry import LARGEST, unit_normals
 from glpath.system.arguments import check_array, checked, checked_fields, real_array, short_repr
 from glpath.system.frames import data_set
 from glpath.system.machine import core_count
 from glpath.system.reporting import ProgressEvent
+from glpath.system.vectors import LARGEST, unit_normals
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]

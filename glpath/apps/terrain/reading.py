@@ -18,12 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.apps.terrain.height_field import HeightField
 from glpath.errors import GlpathError, SceneError, warn, warning_filter
-from glpath.scene.geometry import LARGEST
 from glpath.system.arguments import checked
 from glpath.system.bounded_reading import reading_file, without_bounds
 from glpath.system.files import absence_of, absolute_path, check_file, open_file, read_bytes, reading, reason_of
 from glpath.system.npz import check_unfolded, open_npz, read_npy
 from glpath.system.numerals import real
+from glpath.system.vectors import LARGEST
 
 Float64 = NDArray[np.float64]
 

@@ -29,11 +29,11 @@ from glpath.apps.view_factors.heat_exchange import RadiativeExchange, exchange_o
 from glpath.errors import ImageError, UsageError
 from glpath.io.vtk import VtkMesh
 from glpath.radiosity.memory import require_memory
-from glpath.scene.geometry import LARGEST
 from glpath.system.arguments import check_array, checked, is_numbers, short_repr
 from glpath.system.files import whole_file
 from glpath.system.frames import data_frame, data_set
 from glpath.system.npz import open_npz
+from glpath.system.vectors import LARGEST
 
 Float64 = NDArray[np.float64]
 

@@ -102,7 +102,7 @@ class Film(Struct, forbid_unknown_fields=True, kw_only=True):
                 ge=-100,
                 le=100,
                 description="Stops by which an 8-bit picture is brightened: 1 doubles it. Without it the picture "
-                "decides (`glpath.film.image.auto_exposure`).",
+                "decides (`glpath.film.tonemap.auto_exposure`).",
             ),
         ]
         | UnsetType

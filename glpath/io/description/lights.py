@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from glpath.film.units import Unit
 from glpath.io.description.vector import Vector
+from glpath.system.units import Unit
 
 MAX_ENVIRONMENT_PIXELS = 2**25
 Intensity = Annotated[

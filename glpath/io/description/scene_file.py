@@ -8,12 +8,12 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from glpath.film.units import Unit
 from glpath.io.description.camera import AnyCamera, Film
 from glpath.io.description.lights import AnyLight, Sky
 from glpath.io.description.materials import AnyMaterial, AnyTexture
 from glpath.io.description.shapes import AnyShape, Asset
 from glpath.io.description.vector import Vector
+from glpath.system.units import Unit
 
 
 class SceneFile(Struct, forbid_unknown_fields=True, kw_only=True):

@@ -6,11 +6,11 @@ from typing import Annotated
 
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from glpath.film.units import Unit
 from glpath.io.description.lights import MaintenanceFactor
 from glpath.io.description.vector import Vector
 from glpath.io.meshes import NAMES
 from glpath.io.up_axis import Axis
+from glpath.system.units import Unit
 
 Row = tuple[float, float, float, float]
 

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from glpath.errors import UsageError
 from glpath.film.charts import COLOUR_MAP, colour_range, false_colours
-from glpath.film.image import decode_srgb
 from glpath.io.export import gltf_json
 from glpath.io.export.glb import Glb, y_up_from
 from glpath.io.vtk import VtkMesh
 from glpath.scene.camera import framing
 from glpath.scene.model import Float64, Material, Mesh, Scene, Shape, Shapes
+from glpath.system.colour import decode_srgb
 
 # Resolution of the camera, pixels.
 _RESOLUTION = (1200, 900)

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from glpath.film.units import conversion
 from glpath.io.export import gltf_json
 from glpath.io.export.false_colours import Facets
 from glpath.io.export.geometry import (
@@ -35,6 +34,7 @@ from glpath.io.export.tangents import tangent_slot, with_tangents
 from glpath.io.gltf.surfaces import BLACK_BACKS
 from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape
 from glpath.scene.model import Light, Scene
+from glpath.system.units import conversion
 
 # Maximum cosine between two axes of a transform that counts as unsheared.
 _SHEAR = 1e-6

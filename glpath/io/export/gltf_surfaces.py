@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.image import encode_srgb
-from glpath.film.units import conversion
 from glpath.io.export import gltf_json
 from glpath.io.export.geometry import Notes, map_downwards
 from glpath.io.export.glb import Glb
@@ -24,6 +22,8 @@ from glpath.io.gltf.surfaces import BLACK_BACKS
 from glpath.scene.geometry import Float64, Shape
 from glpath.scene.material import Material, TextureSlot
 from glpath.scene.model import Scene
+from glpath.system.colour import encode_srgb
+from glpath.system.units import conversion
 
 _WRAPS = {
     "repeat": gltf_json.REPEAT,

@@ -44,11 +44,12 @@ from glpath.io.export.geometry import (
 )
 from glpath.io.export.mitsuba_luminaires import projectors
 from glpath.io.export.mitsuba_surfaces import Names, Plugin, Surfaces, bitmap, rgb
-from glpath.scene.geometry import Float64, Mesh, Shape, perpendicular
+from glpath.scene.geometry import Float64, Mesh, Shape
 from glpath.scene.material import Material
 from glpath.scene.model import Environment, Light, Scene, Sky
 from glpath.scene.source_location import shown
-from glpath.scene.sun import Sun
+from glpath.sky.sun import Sun
+from glpath.system.vectors import perpendicular
 
 Sampler = Literal["independent", "multijitter"]
 

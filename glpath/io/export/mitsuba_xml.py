@@ -16,7 +16,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from glpath.errors import ImageError
-from glpath.film.image import encode_png, write_exr
+from glpath.film.exr import write_exr
+from glpath.film.image import encode_png
 from glpath.io.export.mitsuba import MitsubaScene
 from glpath.io.export.mitsuba_surfaces import Plugin
 from glpath.scene.geometry import Mesh

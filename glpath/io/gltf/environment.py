@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.image import decode_srgb
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.images import read_image
 from glpath.io.gltf.table import Table
 from glpath.scene.model import Float64
-from glpath.scene.sky import Environment
+from glpath.sky.sky import Environment
+from glpath.system.colour import decode_srgb
 
 NAME = "EXT_lights_image_based"
 

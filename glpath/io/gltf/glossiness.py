@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.image import encode_srgb
 from glpath.scene.model import Float64
+from glpath.system.colour import encode_srgb
 
 #: Reflectance of a dielectric of index 1.5 at normal incidence.
 F0 = 0.04

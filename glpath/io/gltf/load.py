@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import UsageError, warn
-from glpath.film.units import Unit
 from glpath.io.gltf import limits
 from glpath.io.gltf.accessors import Accessors
 from glpath.io.gltf.animation import poses_at, shutter_times
@@ -35,11 +34,12 @@ from glpath.scene.appearance import opacity_of
 from glpath.scene.model import Float64, Light, Material, Mesh, Shape, Texture
 from glpath.scene.motion import Motion
 from glpath.scene.sight import winding_number
-from glpath.scene.sky import Environment
 from glpath.scene.source_location import shown
 from glpath.scene.tessellate import without_area
+from glpath.sky.sky import Environment
 from glpath.system.suggestions import listed_names
 from glpath.system.time_limit import check_time
+from glpath.system.units import Unit
 
 # Minimum ratio of the shortest to the longest axis of a transformed unit sphere. A flatter instance counts as a
 # plane, because 32-bit floats do not separate its front and back.

@@ -28,12 +28,12 @@ from glpath.io.strokes import (
     rods,
     used_points,
 )
-from glpath.scene.geometry import unit_normals
 from glpath.scene.model import Float64, Mesh
 from glpath.scene.source_location import SourceLocation
 from glpath.scene.tessellate import without_area
 from glpath.system.suggestions import listed_names
 from glpath.system.time_limit import check_time
+from glpath.system.vectors import unit_normals
 
 _MODES = {0: "points", 1: "lines", 2: "line loop", 3: "line strip", 4: "triangles", 5: "strip", 6: "fan"}
 #: Note on points and lines, which are left out.

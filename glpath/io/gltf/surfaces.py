@@ -17,7 +17,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.image import decode_srgb
 from glpath.io.gltf import compression, glossiness
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.images import UnknownFormatError, read_image
@@ -25,6 +24,7 @@ from glpath.io.gltf.material_extensions import LAYERS
 from glpath.io.gltf.table import Choice, Table
 from glpath.scene.material import Wrap
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
+from glpath.system.colour import decode_srgb
 from glpath.system.time_limit import check_time
 
 _WRAPS: dict[Any, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}

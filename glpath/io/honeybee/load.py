@@ -11,7 +11,6 @@ import numpy as np
 from msgspec import Meta
 
 from glpath.errors import warn
-from glpath.film.units import EFFICACY
 from glpath.io.completed import NO_CAMERA, RESOLUTION, is_aside
 from glpath.io.honeybee.model import (
     Aperture,
@@ -33,12 +32,13 @@ from glpath.io.polygons import polygon_errors_at, polygon_normal, split_faces, t
 from glpath.io.values import LARGEST
 from glpath.scene.camera import Camera
 from glpath.scene.camera_check import check_camera
-from glpath.scene.cie_sky import cie_sky
 from glpath.scene.geometry import IDENTITY, Float64
 from glpath.scene.model import Environment, Mesh, Scene, Shape, Shapes, Sky
 from glpath.scene.source_location import SourceLocation, shown
 from glpath.scene.tessellate import with_area
+from glpath.sky.cie import cie_sky
 from glpath.system.suggestions import listed_names
+from glpath.system.units import EFFICACY
 
 _UP = np.array([0.0, 0.0, 1.0])
 # Maximum area by which the openings of a face may overlap each other or its edges, as a fraction of the face's

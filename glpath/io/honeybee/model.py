@@ -11,10 +11,10 @@ from msgspec import Meta, Struct
 
 from glpath.errors import SceneError
 from glpath.io.convert import convert
-from glpath.scene.geometry import LARGEST
 from glpath.scene.source_location import SourceLocation
 from glpath.system.files import read_bytes, reason_of
 from glpath.system.numerals import unsigned
+from glpath.system.vectors import LARGEST
 
 Point = tuple[float, float, float]
 _Offset = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]

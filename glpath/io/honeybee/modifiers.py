@@ -16,9 +16,10 @@ from msgspec import Meta, Struct
 from glpath.errors import warn
 from glpath.io.convert import convert
 from glpath.io.honeybee.model import Aperture, Door, Face, ModelRadiance, ModifierSet
-from glpath.scene.geometry import LARGEST, Float64
+from glpath.scene.geometry import Float64
 from glpath.scene.model import Material
 from glpath.scene.source_location import SourceLocation
+from glpath.system.vectors import LARGEST
 
 _Share = Annotated[float, Meta(ge=0, le=1)]
 _Emittance = Annotated[float, Meta(ge=0, le=LARGEST)]

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.film.image import decode_srgb
 from glpath.io.export.geometry import v_downwards
 from glpath.io.meshes import read_mesh_file
 from glpath.io.mitsuba.plugin import Plugin
@@ -23,9 +22,11 @@ from glpath.io.ply_mesh import PlyMesh
 from glpath.io.polygons import split_finite
 from glpath.io.stored_colours import fractions
 from glpath.io.values import as_float64, finite_rows, warn_of_left_out
-from glpath.scene.geometry import Float64, Mesh, placed, unit_normals
+from glpath.scene.geometry import Float64, Mesh, placed
 from glpath.scene.tessellate import quad_mesh
+from glpath.system.colour import decode_srgb
 from glpath.system.files import read_bytes, reason_of
+from glpath.system.vectors import unit_normals
 
 _SEGMENTS = 128  # number of segments around a disk or a cylinder
 # Corners of each face of a cube with uv (0, 1), (1, 1), (1, 0) and (0, 0), v downwards.

@@ -14,8 +14,8 @@ import numpy as np
 
 from glpath.scene.geometry import Float64
 from glpath.scene.model import Environment
-from glpath.scene.perez_sky import Daylight, PerezSky
-from glpath.scene.sun import Sun
+from glpath.sky.perez import Daylight, PerezSky
+from glpath.sky.sun import Sun
 
 if TYPE_CHECKING:
     from glpath.io.mitsuba.plugin import Plugin
@@ -112,7 +112,7 @@ def _towards_sun(plugin: Plugin, world: Float64) -> Float64:
             raise plugin.where("sun_direction").error("has the length zero.", "For example 0, 0, 1.")
         local = np.linalg.solve(world, direction)
         return np.asarray(local / np.linalg.norm(local))
-    from glpath.io.sun_position import YEARS, sun_positions
+    from glpath.sky.sun_position import YEARS, sun_positions
 
     latitude = plugin.number("latitude", 35.6894, -90.0, 90.0)
     longitude = plugin.number("longitude", 139.6917, -180.0, 180.0)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.errors import encodable, warn_at
-from glpath.film.image import luminance, read_eight_bits, read_image
+from glpath.film.image import read_eight_bits, read_image
 from glpath.io.description import MAX_TEXTURE_PIXELS
 from glpath.io.export.geometry import map_downwards, tangent_axes
 from glpath.io.mitsuba.plugin import Plugin, of_kind
@@ -27,6 +27,7 @@ from glpath.io.scene_pictures import stored_picture
 from glpath.scene.geometry import Float64
 from glpath.scene.material import Texture, TextureSlot, Wrap
 from glpath.scene.source_location import SourceLocation
+from glpath.system.colour import luminance
 from glpath.system.npz import UnfoldedPictures
 from glpath.system.time_limit import check_time
 

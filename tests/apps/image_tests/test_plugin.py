@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 
 from glpath.compare import Picture
-from glpath.film.image import read_image, write_exr
+from glpath.film.exr import write_exr
+from glpath.film.image import read_image
 from tests.support.image_suite import GREY, LOADED, Run
 from tests.support.repository import TESTS
 

@@ -18,7 +18,8 @@ from scipy.ndimage import binary_dilation
 
 import glpath
 from benchmarks.peers import other_python
-from glpath.film.image import encode_srgb, read_image
+from glpath.film.image import read_image
+from glpath.system.colour import encode_srgb
 from tests.support import babylon_js, three_js
 from tests.support.gltf_files import ReadGlb
 from tests.support.gltf_validator import judged

@@ -11,7 +11,7 @@ from benchmarks.benches.measure import bench_measure, office_grid
 from benchmarks.peers import other_python
 from benchmarks.peers import radiance as radiance_peer
 from glpath.errors import GlpathError
-from glpath.film.image import luminance
+from glpath.system.colour import luminance
 
 
 @pytest.mark.evidence

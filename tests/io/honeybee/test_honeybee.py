@@ -16,8 +16,8 @@ import glpath
 from glpath.errors import SceneError, SceneWarning
 from glpath.io.honeybee import sensor_points
 from glpath.io.library import scene_parameters
-from glpath.scene.cie_sky import cie_sky
 from glpath.scene.model import Light, Scene
+from glpath.sky.cie import cie_sky
 from tests.support.command_line import run
 from tests.support.honeybee_model import OUTDOORS, face, opening, polygon, shade, two_rooms, write
 

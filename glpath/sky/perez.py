@@ -22,9 +22,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.scene.sky import Environment
-from glpath.scene.sky_map import SKY_SIZE, horizontal_irradiance, texel_directions
-from glpath.scene.sun import Sun
+from glpath.sky.maps import SKY_SIZE, horizontal_irradiance, texel_directions
+from glpath.sky.sky import Environment
+from glpath.sky.sun import Sun
 
 Float64 = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.scene.sky import Environment
+from glpath.sky.sky import Environment
 
 Float64 = NDArray[np.float64]
 

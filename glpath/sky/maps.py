@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.scene.sky import Environment, Sky
+from glpath.sky.sky import Environment, Sky
 
 Float64 = NDArray[np.float64]
 

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import GlpathError, warning_filter
-from glpath.scene.model import Float64
 from glpath.system.bounded_reading import without_bounds
 
+Float64 = NDArray[np.float64]
 Times = NDArray[np.datetime64]
 
 #: Years of times. 64 bits of nanoseconds, with which pvlib may compute, hold no others, and would wrap around.

@@ -1,6 +1,6 @@
 """Disc of the sun: a small part of the sky with uniform radiance.
 
-The disc belongs to a sky (`glpath.scene.sky.Environment`), but is separate from the texels of its map. Eyes,
+The disc belongs to a sky (`glpath.sky.sky.Environment`), but is separate from the texels of its map. Eyes,
 mirrors and thin dielectrics see it. Light samples are drawn inside it with a density proportional to its fraction
 of the sky's light.
 
@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneError
-from glpath.scene.digest import digest_of
-from glpath.scene.geometry import perpendicular
+from glpath.system.digest import digest_of
+from glpath.system.vectors import perpendicular
 
 Float64 = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class Sun:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 (hex) of everything that changes the image; see `glpath.scene.digest`."""
+        """SHA-256 (hex) of everything that changes the image; see `glpath.system.digest`."""
         return digest_of(self.direction, self.irradiance, self.diameter)
 
     @property

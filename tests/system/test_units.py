@@ -14,9 +14,9 @@ from typer.testing import CliRunner
 import glpath
 from glpath.cli.main import app
 from glpath.errors import SceneError, UsageError
-from glpath.film.units import EFFICACY
 from glpath.scene.appearance import Appearance
 from glpath.scene.triangulate import path_traceable
+from glpath.system.units import EFFICACY
 from tests.support.gltf_files import Gltf
 from tests.support.photometry import ies
 

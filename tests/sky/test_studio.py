@@ -13,7 +13,7 @@ from glpath import SceneError
 from glpath.io.completed import aside
 from glpath.io.plain_background import PLAIN
 from glpath.scene import Environment, Sky
-from glpath.scene.studio import studio
+from glpath.sky.studio import studio
 from tests.support.gltf_files import Gltf
 
 

@@ -9,9 +9,9 @@ import pytest
 
 import glpath
 from glpath.errors import SceneError, SceneWarning
-from glpath.scene.perez_sky import Daylight, PerezSky
-from glpath.scene.sky import Environment
-from glpath.scene.sun import Sun
+from glpath.sky.perez import Daylight, PerezSky
+from glpath.sky.sky import Environment
+from glpath.sky.sun import Sun
 
 UP = np.array([0.0, 0.0, 1.0])
 BLACK = np.zeros((2, 4, 3), np.float32)

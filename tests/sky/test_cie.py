@@ -11,8 +11,8 @@ from numpy.polynomial.legendre import leggauss
 import glpath
 from glpath.errors import SceneError
 from glpath.scene import Sky
-from glpath.scene.cie_sky import CIE_SKIES, has_sun, relative_luminance
-from glpath.scene.sky_map import open_ground
+from glpath.sky.cie import CIE_SKIES, has_sun, relative_luminance
+from glpath.sky.maps import open_ground
 
 ELEVATION = np.radians(35.0)
 SUN = np.array([np.cos(ELEVATION), 0.0, np.sin(ELEVATION)])

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.errors import SceneError
-from glpath.scene.digest import digest_of
-from glpath.scene.geometry import LARGEST, perpendicular, vector
-from glpath.scene.sun import Sun
+from glpath.sky.sun import Sun
 from glpath.system.arguments import checked_fields
+from glpath.system.digest import digest_of
+from glpath.system.vectors import LARGEST, perpendicular, vector
 
 Float64 = NDArray[np.float64]
 
@@ -165,7 +165,7 @@ class Environment:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 (hex) of everything that changes the image; see `glpath.scene.digest`."""
+        """SHA-256 (hex) of everything that changes the image; see `glpath.system.digest`."""
         # `sun` and `cut` count only if they are set, so that older skies keep their digest.
         sun = () if self.sun is None else (self.sun,)
         return digest_of(self.image, self.up, self.rotation, self.scale, *sun, *(["cut"] if self.cut else []))

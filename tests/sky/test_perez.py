@@ -11,7 +11,7 @@ from numpy.polynomial.legendre import leggauss
 
 from benchmarks.peers import other_python
 from glpath.errors import GlpathError
-from glpath.scene.perez_sky import Daylight, PerezSky, extraterrestrial
+from glpath.sky.perez import Daylight, PerezSky, extraterrestrial
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.scene.sky import Environment
-from glpath.scene.sky_map import horizontal_irradiance, texel_directions
+from glpath.sky.maps import horizontal_irradiance, texel_directions
+from glpath.sky.sky import Environment
 
 Float64 = NDArray[np.float64]
 
