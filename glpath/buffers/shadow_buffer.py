@@ -30,7 +30,7 @@ from glpath.buffers.cube_bounds import (
     cube_rectangles_of_triangles,
 )
 from glpath.buffers.light_bounds import Caps, CellRectangles, Spheres, sphere_caps, spheres_around
-from glpath.buffers.shadow_test import MAX_TAPS, ShadowTest
+from glpath.buffers.shadow_options import MAX_TAPS, ShadowTest
 from glpath.buffers.sphere_bounds import (
     sphere_rectangles_of_caps,
     sphere_rectangles_of_planes,

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypedDict
 
 from msgspec import Meta
 
-from glpath.buffers.shadow_test import MAX_TAPS, ShadowTest
+from glpath.buffers.shadow_options import MAX_TAPS, ShadowTest
 from glpath.errors import UsageError
 from glpath.integrators.settings import (
     DEEPEST,

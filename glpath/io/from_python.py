@@ -18,7 +18,7 @@ import numpy as np
 from glpath.errors import UsageError, warn
 from glpath.io.build import Supplied
 from glpath.io.completed import completed, is_aside
-from glpath.io.from_trimesh import Surfaces, lights
+from glpath.io.from_trimesh import TrimeshMaterials, lights
 from glpath.io.gltf.surfaces import Surface
 from glpath.io.load import check_no_camera_is_needed, scene_of, up_without_camera
 from glpath.io.meshes import mesh_of_trimesh
@@ -175,7 +175,7 @@ def _scene_with_looks(
     shapes = data.get("shapes", [])
     if not isinstance(shapes, list | tuple):
         return scene_of(data, location, folder, name)
-    surfaces = Surfaces()
+    surfaces = TrimeshMaterials()
     made: dict[int, tuple[Mesh, Surface | None]] = {}  # by id(), so that instances share a mesh
     looks: dict[int, Surface] = {}
     tables = []

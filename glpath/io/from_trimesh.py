@@ -70,7 +70,7 @@ def _rgba(colours: Any, *, srgb: bool) -> Float64:
 
 
 @dataclass
-class Surfaces:
+class TrimeshMaterials:
     """Surfaces and textures made from the materials of trimesh meshes, each only once."""
 
     textures: list[Texture] = field(default_factory=list)

@@ -237,7 +237,15 @@ def test_names_in_annotations_have_values_or_are_classes() -> None:
         for parameter in inspect.signature(function).parameters.values():
             for each in types_of(parameter.annotation, names) or ():
                 unknown.update({each.needed} if isinstance(each.accepts, functools.partial) else ())
-    assert unknown <= {"a Film", "a Connection", "a Weather", "a Material", "a Camera", "a Scene", "a Surfaces"}
+    assert unknown <= {
+        "a Film",
+        "a Connection",
+        "a Weather",
+        "a Material",
+        "a Camera",
+        "a Scene",
+        "a ParticleSurfaces",
+    }
 
 
 def test_numpy_scalars_and_numbers_of_other_types_are_allowed() -> None:

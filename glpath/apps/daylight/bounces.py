@@ -33,7 +33,7 @@ from glpath.radiosity.mesh.mesh import Elements, divisions_of_size, occluder_of_
 from glpath.radiosity.mesh.sides import Sides, Solids
 from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.rays import rays_of
-from glpath.radiosity.solvers.particles import Surfaces
+from glpath.radiosity.solvers.particles import ParticleSurfaces
 from glpath.scene import Scene
 from glpath.system.colour import LUMINANCE
 
@@ -79,7 +79,7 @@ class ReflectingSides:
         divisions = divisions_of_size(scene, surface, size)
         made = Elements.of_lattices(divisions)
         self.sides = sides = Sides.of(scene, made)
-        self.surfaces = Surfaces.of(scene, rays_of(scene), divisions, from_eye=True)
+        self.surfaces = ParticleSurfaces.of(scene, rays_of(scene), divisions, from_eye=True)
         number = sides.number(len(made))
         self._number = number.ravel()  # index of each reflecting side, by 2 * element + back; -1 for other sides
         occluders = Occluders.of_scene(scene)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from glpath.apps.daylight.receivers import RECEIVERS, Receiver
 from glpath.radiosity.mesh.glass import at_glass
 from glpath.radiosity.shafts.rays import nearest
-from glpath.radiosity.solvers.particles import Surfaces, next_random
+from glpath.radiosity.solvers.particles import ParticleSurfaces, next_random
 from glpath.system.kernels import inner_kernel, kernel
 from glpath.system.machine import core_count
 
@@ -56,7 +56,7 @@ def ray_count(rays: int) -> int:
 
 
 def cast_hits(
-    surfaces: Surfaces,
+    surfaces: ParticleSurfaces,
     points: Float64,
     axes: Float64,
     receiver: Receiver,

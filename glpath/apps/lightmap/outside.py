@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.apps.lightmap.atlas import Atlas
-from glpath.apps.lightmap.texels import Texels
+from glpath.apps.lightmap.texels import AtlasTexels
 from glpath.rendering.below_stream import Covered
 from glpath.rendering.sides import Sides
 from glpath.scene import Scene
@@ -30,8 +30,8 @@ _TOGETHER = 1 << 16
 
 
 def outside(
-    scene: Scene, atlas: Atlas, texels: Texels, sides: Sides, covered: Covered | None
-) -> tuple[Texels, Bools]:
+    scene: Scene, atlas: Atlas, texels: AtlasTexels, sides: Sides, covered: Covered | None
+) -> tuple[AtlasTexels, Bools]:
     """Return texels with all samples outside of other geometry, and a mask (N,) of texels without such samples.
 
     The central sample of each texel is tested; if it or a neighbour's is inside, all samples are tested. Samples
@@ -72,7 +72,7 @@ class _Samples:
 
     scene: Scene
     atlas: Atlas
-    texels: Texels
+    texels: AtlasTexels
     sides: Sides
     covered: Covered | None
 

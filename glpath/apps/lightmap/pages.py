@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glpath.apps.lightmap.atlas import Atlas
-from glpath.apps.lightmap.texels import Texels
+from glpath.apps.lightmap.texels import AtlasTexels
 from glpath.scene.model import Float64
 
 Float32 = NDArray[np.float32]
@@ -24,7 +24,7 @@ _UNLIT_STEPS = 4
 _NEIGHBOURS = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)]
 
 
-def pages_of(atlas: Atlas, texels: Texels, values: Float64, inside: Bools) -> tuple[Float32, Bools]:
+def pages_of(atlas: Atlas, texels: AtlasTexels, values: Float64, inside: Bools) -> tuple[Float32, Bools]:
     """Return pages (P, h, w, C) of values (N, C), and (P, h, w) bool: True for texels that are baked, not padded.
 
     inside : (N,) bool, True for texels without their own light. They get the mean of neighbours on their chart,
@@ -43,7 +43,7 @@ def pages_of(atlas: Atlas, texels: Texels, values: Float64, inside: Bools) -> tu
     return pages, baked
 
 
-def unlit_regions(atlas: Atlas, texels: Texels, lit: Bools) -> Bools:
+def unlit_regions(atlas: Atlas, texels: AtlasTexels, lit: Bools) -> Bools:
     """Return (P, h, w) bool: texels without light whose neighbourhood on their chart has none either.
 
     lit : (P, h, w) bool, True if the rendered light of a texel is above zero
@@ -75,7 +75,7 @@ def _grown(marked: Bools, chart: NDArray[np.int64]) -> Bools:
     return result
 
 
-def _charts(atlas: Atlas, texels: Texels) -> NDArray[np.int64]:
+def _charts(atlas: Atlas, texels: AtlasTexels) -> NDArray[np.int64]:
     """Return (P, h, w) chart index of each texel; -1 for gutters."""
     width, height = atlas.size
     chart = np.full((atlas.pages, height, width), -1, np.int64)
@@ -83,7 +83,9 @@ def _charts(atlas: Atlas, texels: Texels) -> NDArray[np.int64]:
     return chart
 
 
-def _fill_inside(pages: Float32, known: Bools, chart: NDArray[np.int64], texels: Texels, inside: Bools) -> None:
+def _fill_inside(
+    pages: Float32, known: Bools, chart: NDArray[np.int64], texels: AtlasTexels, inside: Bools
+) -> None:
     page, row, column = (index[inside] for index in texels.index)
     height, width = pages.shape[1:3]
     while len(row):

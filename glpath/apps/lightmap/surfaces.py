@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from glpath.apps.lightmap.atlas import LARGEST_PAGE, MAX_SIZE, Atlas, PageTooSmallError, kept, packed
 from glpath.apps.lightmap.outside import outside
 from glpath.apps.lightmap.pages import pages_of
-from glpath.apps.lightmap.texels import Texels, rasterised
+from glpath.apps.lightmap.texels import AtlasTexels, rasterised
 from glpath.errors import SceneError, UsageError, warn
 from glpath.film.film import Film
 from glpath.integrators.settings import GEOMETRY_BUDGET
@@ -54,7 +54,7 @@ class AtlasSurfaces:
 
     scene: Scene
     atlas: Atlas
-    texels: Texels
+    texels: AtlasTexels
     inside: Bools
     hidden: int
     streamed: StreamedRays | None = None

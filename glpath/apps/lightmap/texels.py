@@ -35,7 +35,7 @@ _INSET = 0.04
 
 
 @dataclass(frozen=True, eq=False)
-class Texels:
+class AtlasTexels:
     """N texels with S samples each.
 
     page, row, column : (N,)
@@ -81,13 +81,13 @@ class Texels:
         face = self.face[sample]
         return np.asarray(np.sqrt(scene.areas[atlas.triangle] / np.maximum(atlas.areas, 1e-12))[face])
 
-    def with_samples_of(self, source: Int64) -> Texels:
+    def with_samples_of(self, source: Int64) -> AtlasTexels:
         """Return texels whose sample s is replaced by sample source[s] of the same texel; source: (S, N)."""
         texel = np.arange(source.shape[1])
         return replace(self, face=self.face[source, texel], b=self.b[source, texel])
 
 
-def rasterised(atlas: Atlas) -> Texels:
+def rasterised(atlas: Atlas) -> AtlasTexels:
     """Return all texels of an atlas, in the order of its pages and rows."""
     width, height = atlas.size
     count = next(samples for limit, samples in SAMPLES if atlas.areas.sum() <= limit)
@@ -113,7 +113,7 @@ def rasterised(atlas: Atlas) -> Texels:
         face[:, some], b[:, some] = part[3].T, part[4].transpose(1, 0, 2)
         done = some.stop
     _inset(atlas.uv, face, b)
-    return Texels(page_of, row, column, face, b)
+    return AtlasTexels(page_of, row, column, face, b)
 
 
 def lattice(count: int) -> Float64:

@@ -29,7 +29,7 @@ from glpath.io.export.geometry import (
     with_all_normals,
 )
 from glpath.io.export.glb import Glb
-from glpath.io.export.gltf_surfaces import LightMap, Surfaces
+from glpath.io.export.gltf_surfaces import LightMap, MaterialWriter
 from glpath.io.export.tangents import tangent_slot, with_tangents
 from glpath.io.gltf.surfaces import BLACK_BACKS
 from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape
@@ -73,7 +73,7 @@ class _Writer:
         self._arrays: dict[tuple[Mesh, int | None], tuple[dict[str, int], int]] = {}
         self._turned: dict[Mesh, Mesh] = {}
         self._meshes: dict[tuple[Mesh, int], int] = {}
-        self._surfaces = Surfaces(self.scene, self.file, self.notes)
+        self._surfaces = MaterialWriter(self.scene, self.file, self.notes)
 
     def write(self, path: Path, facets: Facets | None = None) -> tuple[str, ...]:
         for number, shape in enumerate(self.scene.shapes):

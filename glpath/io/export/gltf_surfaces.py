@@ -39,7 +39,7 @@ _F0 = 0.04
 LightMap = tuple[NDArray[np.uint8], float]
 
 
-class Surfaces:
+class MaterialWriter:
     """Materials and textures that shapes use, each written once to a file.
 
     scene : scene in triangles

@@ -43,7 +43,7 @@ from glpath.io.export.geometry import (
     with_all_normals,
 )
 from glpath.io.export.mitsuba_luminaires import projectors
-from glpath.io.export.mitsuba_surfaces import Names, Plugin, Surfaces, bitmap, rgb
+from glpath.io.export.mitsuba_surfaces import BsdfWriter, Names, Plugin, bitmap, rgb
 from glpath.scene.geometry import Float64, Mesh, Shape
 from glpath.scene.material import Material
 from glpath.scene.model import Environment, Light, Scene, Sky
@@ -95,7 +95,7 @@ def described(
     if np.any(scene.ambient > 0):
         notes.add("ambient light is left out")
     names = Names()
-    surfaces = Surfaces(scene, notes, names)
+    surfaces = BsdfWriter(scene, notes, names)
     shapes: Plugin = {}
     for shape in scene.shapes:
         shapes |= _shapes(scene, shape, surfaces, names, instances, SIDE_OFFSET * size)
@@ -133,7 +133,9 @@ def _hidden_sky(scene: Scene, notes: Notes) -> Plugin:
     return {"hide_emitters": True}
 
 
-def _shapes(scene: Scene, shape: Shape, surfaces: Surfaces, names: Names, instances: bool, offset: float) -> Plugin:
+def _shapes(
+    scene: Scene, shape: Shape, surfaces: BsdfWriter, names: Names, instances: bool, offset: float
+) -> Plugin:
     assert isinstance(shape.geometry, Mesh)
     material = scene.materials[shape.material]
     coloured = shape.geometry.colours is not None
@@ -186,7 +188,7 @@ def _handedness(shape: Shape, material: Material, notes: Notes) -> float:
     return handedness
 
 
-def _mesh(scene: Scene, shape: Shape, mesh: Mesh, surfaces: Surfaces, bsdf: Plugin) -> Plugin:
+def _mesh(scene: Scene, shape: Shape, mesh: Mesh, surfaces: BsdfWriter, bsdf: Plugin) -> Plugin:
     material = scene.materials[shape.material]
     mesh = with_all_normals(mesh)
     slots = material.slots

@@ -54,7 +54,7 @@ def _diffuse(reflectance: Plugin) -> Plugin:
 
 
 @dataclass
-class Surfaces:
+class BsdfWriter:
     """Materials that shapes use, each once. plugins: their plugins by name."""
 
     scene: Scene
@@ -98,7 +98,7 @@ class Surfaces:
 
 @dataclass
 class _Surface:
-    owner: Surfaces
+    owner: BsdfWriter
     material: Material
     coloured: bool
     handedness: float

@@ -26,7 +26,7 @@ from glpath.io.gltf.lights import ModelCamera, camera_of, light_of
 from glpath.io.gltf.nodes import INSTANCING, Nodes, instances
 from glpath.io.gltf.primitives import ONLY_TRIANGLES, Primitives, Skin, is_solid, skin_of
 from glpath.io.gltf.profiles import Profiles
-from glpath.io.gltf.surfaces import Surfaces, has_black_backs
+from glpath.io.gltf.surfaces import MaterialReader, has_black_backs
 from glpath.io.gltf.table import Table
 from glpath.io.precision import step_at, warn_of_steps
 from glpath.io.values import LARGEST
@@ -139,7 +139,7 @@ def read_gltf(
         document.notes.add(f"{others}: the parameter animation runs another by its name, or all.")
     poses = poses_at(document, accessors, time, running)
     nodes = Nodes.of(document, poses)
-    surfaces = Surfaces(document)
+    surfaces = MaterialReader(document)
     path_of = None
     if time is not None and shutter > 0:
         times = shutter_times(running, accessors, time, time + shutter)
@@ -320,7 +320,7 @@ class _Shapes:
         opened: OpenFile,
         nodes: Nodes,
         poses: dict[int, dict[str, Float64]],
-        surfaces: Surfaces,
+        surfaces: MaterialReader,
         paths: NodePaths | None = None,
         variant: int | None = None,
     ) -> None:

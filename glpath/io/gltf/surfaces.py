@@ -64,7 +64,7 @@ class _LookUp:
 
 
 @dataclass
-class Surfaces:
+class MaterialReader:
     """Materials of a document that shapes use, and their textures."""
 
     document: Document

@@ -16,7 +16,7 @@ from glpath.io.mitsuba.document import read_document
 from glpath.io.mitsuba.lights import Emitters
 from glpath.io.mitsuba.plugin import Plugin
 from glpath.io.mitsuba.shapes import Reader
-from glpath.io.mitsuba.surfaces import Surfaces
+from glpath.io.mitsuba.surfaces import BsdfReader
 from glpath.io.mitsuba.textures import Textures
 from glpath.io.up_axis import Up
 from glpath.scene.background import Background
@@ -45,7 +45,7 @@ def read_mitsuba(path: Path, parameters: Mapping[str, object] | None = None) -> 
     if "up" in given and "up" not in document.defaults:
         up = _up(given["up"], location.field("up"))
     textures = Textures()
-    surfaces = Surfaces(textures)
+    surfaces = BsdfReader(textures)
     reader, emitters, camera, clips = Reader(surfaces, textures), Emitters(), None, Clips()
     hides_emitters = ignores_media = False
     for child in document.root.children:

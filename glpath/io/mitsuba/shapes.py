@@ -15,7 +15,7 @@ from glpath.io.meshes import has_uv_gaps, without_uv_gaps
 from glpath.io.mitsuba import meshes
 from glpath.io.mitsuba.document import error_of_kind
 from glpath.io.mitsuba.plugin import Plugin
-from glpath.io.mitsuba.surfaces import Surfaces
+from glpath.io.mitsuba.surfaces import BsdfReader
 from glpath.io.mitsuba.textures import Look, Textures
 from glpath.io.transform import mirrors
 from glpath.io.values import LARGEST
@@ -57,7 +57,7 @@ class Reader:
     notes : differences from Mitsuba, as sentences without a full stop
     """
 
-    surfaces: Surfaces
+    surfaces: BsdfReader
     textures: Textures
     shapes: list[Shape] = field(default_factory=list)
     notes: dict[str, None] = field(default_factory=dict)

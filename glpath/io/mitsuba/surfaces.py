@@ -36,7 +36,7 @@ _ONE = 1.0 - 1e-9
 
 
 @dataclass
-class Surfaces:
+class BsdfReader:
     """Materials that shapes use.
 
     notes : differences from Mitsuba, as sentences without a full stop
@@ -652,20 +652,20 @@ def _stretched(along: float, across: float) -> Fields:
     return {"roughness": float(np.sqrt(across)), "anisotropy": anisotropy}
 
 
-_KINDS: dict[str, Callable[[Surfaces, Plugin], Fields]] = {
-    "diffuse": Surfaces._diffuse,
-    "twosided": Surfaces._two_sided,
-    "conductor": Surfaces._conductor,
-    "roughconductor": Surfaces._conductor,
-    "plastic": Surfaces._plastic,
-    "roughplastic": Surfaces._plastic,
-    "dielectric": Surfaces._dielectric,
-    "thindielectric": Surfaces._dielectric,
-    "roughdielectric": Surfaces._dielectric,
-    "principled": Surfaces._principled,
-    "itu-radio-material": Surfaces._radio_material,
-    "normalmap": Surfaces._normal_map,
-    "bumpmap": Surfaces._bump_map,
-    "mask": Surfaces._mask,
-    "blendbsdf": Surfaces._blend,
+_KINDS: dict[str, Callable[[BsdfReader, Plugin], Fields]] = {
+    "diffuse": BsdfReader._diffuse,
+    "twosided": BsdfReader._two_sided,
+    "conductor": BsdfReader._conductor,
+    "roughconductor": BsdfReader._conductor,
+    "plastic": BsdfReader._plastic,
+    "roughplastic": BsdfReader._plastic,
+    "dielectric": BsdfReader._dielectric,
+    "thindielectric": BsdfReader._dielectric,
+    "roughdielectric": BsdfReader._dielectric,
+    "principled": BsdfReader._principled,
+    "itu-radio-material": BsdfReader._radio_material,
+    "normalmap": BsdfReader._normal_map,
+    "bumpmap": BsdfReader._bump_map,
+    "mask": BsdfReader._mask,
+    "blendbsdf": BsdfReader._blend,
 }

@@ -14,7 +14,15 @@ from glpath.radiosity.form_factors.lights import BINS
 from glpath.radiosity.mesh.mesh import Elements, Int64, divisions_of_size, size_for_count
 from glpath.radiosity.shafts.rays import Rays, rays_of
 from glpath.radiosity.solution import INDIRECT
-from glpath.radiosity.solvers.particles import BATCH, ENDLESS, Arrivals, Lamps, Starts, Surfaces, shoot_batch
+from glpath.radiosity.solvers.particles import (
+    BATCH,
+    ENDLESS,
+    Arrivals,
+    Lamps,
+    ParticleSurfaces,
+    Starts,
+    shoot_batch,
+)
 from glpath.sampling.points import uniform_sphere
 from glpath.scene import Scene
 from glpath.scene.model import Camera, Float64
@@ -85,7 +93,7 @@ def _from_camera(
     """Return (2, C, 3), energy that camera paths bring to sides of cells after the first surface."""
     divisions = np.ones(len(scene.triangles), np.int64)
     np.maximum.at(divisions, cells.triangle, cells.n)
-    surfaces, camera = Surfaces.of(scene, rays, divisions, from_eye=True), scene.camera.at()
+    surfaces, camera = ParticleSurfaces.of(scene, rays, divisions, from_eye=True), scene.camera.at()
     nothing = np.zeros(0, np.int64)
     lamps = Lamps(np.zeros((0, 9)), nothing, nothing, np.zeros(0), np.zeros((0, 3)))
     flux = np.zeros((2, 2, len(cells), 3))

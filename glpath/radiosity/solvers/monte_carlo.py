@@ -42,7 +42,15 @@ from glpath.radiosity.shafts.occluders import Occluders
 from glpath.radiosity.shafts.rays import rays_of
 from glpath.radiosity.solution import DIRECT, INDIRECT
 from glpath.radiosity.solvers.importance import CELLS, gathered_by_camera, start_cells, visits_from_camera
-from glpath.radiosity.solvers.particles import BATCH, ENDLESS, Arrivals, Lamps, Starts, Surfaces, shoot_batch
+from glpath.radiosity.solvers.particles import (
+    BATCH,
+    ENDLESS,
+    Arrivals,
+    Lamps,
+    ParticleSurfaces,
+    Starts,
+    shoot_batch,
+)
 from glpath.scene.model import Float64
 from glpath.system.machine import core_count
 from glpath.system.time_limit import check_time
@@ -165,7 +173,7 @@ class Shooting:
         check_time(_STARTING)
         self.open_areas, self.buried, self.lit = self._open_and_lit(self.mesh.elements)
         check_time(_STARTING)
-        self._surfaces = Surfaces.of(scene, self._rays, divisions)
+        self._surfaces = ParticleSurfaces.of(scene, self._rays, divisions)
         self._lamps, self._lit, self._lit_count = self._find_lamps(sides)
         check_time(_STARTING)
         self._gathered: Float64 | None = None

@@ -28,7 +28,7 @@ ENDLESS = 1 << 62
 _MAX_THROUGH = 64
 
 
-class Surfaces(NamedTuple):
+class ParticleSurfaces(NamedTuple):
     """Surfaces that particles hit: ray queries, normals, reflectance (2, T, 3), opacity (T,), glass, and lattices.
 
     reflectance   : diffuse reflectance; for glass without the mirror reflection of its surface
@@ -54,7 +54,7 @@ class Surfaces(NamedTuple):
     begin: Int64
 
     @classmethod
-    def of(cls, scene: Scene, rays: Rays, divisions: Int64, *, from_eye: bool = False) -> Surfaces:
+    def of(cls, scene: Scene, rays: Rays, divisions: Int64, *, from_eye: bool = False) -> ParticleSurfaces:
         glass, appearance = Glass.of_scene(scene), Appearance(scene)
         through = appearance.side_transmittance()
         return cls(
@@ -71,7 +71,7 @@ class Surfaces(NamedTuple):
             lattice.starts(lattice.element_count(divisions)),
         )
 
-    def on_lattices(self, divisions: Int64) -> Surfaces:
+    def on_lattices(self, divisions: Int64) -> ParticleSurfaces:
         """Return the same surfaces with other lattices, of (T,) divisions."""
         return self._replace(divisions=divisions, begin=lattice.starts(lattice.element_count(divisions)))
 

@@ -21,7 +21,7 @@ from glpath.apps.lightmap.files import radiance_of, write_kept
 from glpath.apps.lightmap.lightmap import Bake, Lightmap
 from glpath.apps.lightmap.pages import pages_of
 from glpath.apps.lightmap.surfaces import AtlasSurfaces
-from glpath.apps.lightmap.texels import Texels, lattice, rasterised
+from glpath.apps.lightmap.texels import AtlasTexels, lattice, rasterised
 from glpath.cli.main import app
 from glpath.errors import SceneError, SceneWarning, UsageError
 from glpath.film.film import Film
@@ -227,7 +227,7 @@ def test_a_texel_that_a_wall_without_thickness_crosses_is_on_one_side_of_it() ->
 
 def test_what_is_under_a_wall_gets_light_of_its_own_side() -> None:
     column = np.arange(20)
-    texels = Texels(*np.zeros((2, 20), np.int64), column, np.zeros((1, 20), np.int32), np.zeros((1, 20, 2)))
+    texels = AtlasTexels(*np.zeros((2, 20), np.int64), column, np.zeros((1, 20), np.int32), np.zeros((1, 20, 2)))
     atlas = Atlas(*np.zeros((4, 1), np.int64), np.zeros((1, 3, 2)), (20, 1), 1, 1.0)
     values = np.where(column < 10, 5.0, 0.0)[:, None] * np.ones(3)
     inside = (column >= 8) & (column < 12)

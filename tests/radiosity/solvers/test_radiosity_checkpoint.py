@@ -26,7 +26,7 @@ from glpath.radiosity.form_factors.transport import Transport
 from glpath.radiosity.solvers import progressive
 from glpath.radiosity.solvers.checkpoint import SolverCheckpoint
 from glpath.radiosity.solvers.monte_carlo import Shooting
-from glpath.radiosity.solvers.particles import Surfaces
+from glpath.radiosity.solvers.particles import ParticleSurfaces
 from glpath.radiosity.solvers.progressive import Refinement
 from glpath.scene.model import Light
 from glpath.system import files
@@ -366,7 +366,9 @@ def test_a_signal_within_a_step_loses_nothing(
 
 
 @pytest.mark.parametrize(
-    "strike", [strike_call(Surfaces, "on_lattices", 2), strike_call(Shooting, "deepen", 1)], ids=["within", "after"]
+    "strike",
+    [strike_call(ParticleSurfaces, "on_lattices", 2), strike_call(Shooting, "deepen", 1)],
+    ids=["within", "after"],
 )
 def test_a_signal_while_lattices_are_refined_keeps_the_particles_of_the_coarser_ones(
     strike: Any, monkeypatch: pytest.MonkeyPatch
