@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from glpath.apps.daylight.compute import DaylightProgress
     from glpath.apps.daylight.receivers import Receiver
     from glpath.apps.daylight.texels import Texels
-    from glpath.cli.point_files import Points
+    from glpath.apps.measure.points import Points
     from glpath.scene import Scene
 
 _POINTS, _SKY, _BOUNCES, _YEAR = "Points", "Sun and sky", "Reflected light", "The year"
@@ -316,7 +316,8 @@ def daylight(
             raise UsageError(
                 "daylight: where? No --points.", f"A CSV file of sensors; or the surfaces, --receiver {TEXELS}."
             )
-        from glpath.cli.point_files import Points, check_within, read_points
+        from glpath.apps.measure.points import Points, check_within
+        from glpath.apps.measure.tables import read_points
 
         with aside("camera", "light"):
             loaded = read_scene(which, parameters)

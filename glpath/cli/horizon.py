@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from glpath.apps.measure.tables import table_lines
 from glpath.cli.completion import words
 from glpath.cli.help import command_help
-from glpath.cli.point_files import table_lines
 from glpath.cli.signals import result_of
 from glpath.cli.values import check_choice
 from glpath.errors import UsageError, warn

@@ -16,7 +16,7 @@ from glpath.cli.outcome import bias_lines
 from glpath.cli.point_options import POINT_CHOICES, POINT_INTEGRATORS
 from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
-from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
+from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_options import OF_LIGHT, with_scene_options
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, check_spp
@@ -24,6 +24,7 @@ from glpath.cli.values import exposure as read_exposure
 from glpath.errors import GlpathError, UsageError
 from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
+from glpath.scene.summary import light_of
 from glpath.system.outputs import check_outputs, save_all
 from glpath.system.reporting import duration, percent
 from glpath.system.terminal import say

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
+from glpath.apps.measure.figures import figures
 from glpath.cli.completion import words
 from glpath.cli.help import command_help
 from glpath.cli.options import option_values, with_options
 from glpath.cli.outcome import bias_lines
-from glpath.cli.point_figures import figures
 from glpath.cli.point_options import (
     LIGHT_PANEL,
     POINT_CHOICES,
@@ -24,22 +24,24 @@ from glpath.cli.point_options import (
 )
 from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
-from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
+from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_options import OF_LIGHT, with_scene_options
 from glpath.cli.unattended import checkpointed
-from glpath.cli.values import check_choice, check_spp, vector
+from glpath.cli.values import check_choice, check_spp, numbers, vector
 from glpath.errors import UsageError
 from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
+from glpath.scene.summary import light_of
 from glpath.system.colour import luminance
 from glpath.system.files import is_stream
+from glpath.system.numerals import real
 from glpath.system.outputs import Save, check_outputs, save_all
 from glpath.system.reporting import duration
 from glpath.system.time_limit import preparing
 from glpath.system.units import EFFICACY, conversion
 
 if TYPE_CHECKING:
-    from glpath.cli.measured import Measured
+    from glpath.apps.measure.measured import Measured
     from glpath.film.film import Film
     from glpath.integrators.by_name import Integrator
     from glpath.rendering.points import Irradiance, Receiver
@@ -181,8 +183,10 @@ def measure(
     scene needs no camera, but it needs light of its own, or --white-sky. Illuminance in lx is the luminance
     (0.2126 R + 0.7152 G + 0.0722 B) of the irradiance; for light in watts, it is multiplied by 179 lm/W.
     """
-    from glpath.cli.measured import Measured
-    from glpath.cli.point_files import EN_12464, check_kind, check_within, grid_of, read_points, save_csv
+    from glpath.apps.measure.files import check_kind, save
+    from glpath.apps.measure.measured import Measured
+    from glpath.apps.measure.points import EN_12464, check_within, plane_grid
+    from glpath.apps.measure.tables import read_points, save_csv
     from glpath.rendering.points import lit
     from glpath.scene.maintenance import maintained
 
@@ -215,9 +219,11 @@ def measure(
     if daylight_factor:
         _check_makes_per_cent(loaded, receiver, options.get("ambient"))
     facing = vector("--normal", normal)
+    apart = None if spacing is None else _spacing(spacing)
+    corners = None if area is None else numbers("--area", area, "A,B,A,B", [4], real)
     with preparing("the points"):
         if plane is not None:
-            at = grid_of(plane, spacing, area, loaded, margin=margin or 0.0, normal=facing)
+            at = plane_grid(loaded, plane, spacing=apart, area=corners, margin=margin or 0.0, normal=facing)
         else:
             assert points is not None, "asked above"
             at = read_points(points, facing)
@@ -245,7 +251,7 @@ def measure(
         found = Irradiance(outcome.film, len(at.points))
         quantity = "Cylindrical illuminance" if receiver == "cylinder" else "Illuminance"
         measured = Measured(at, found, loaded, *(("Daylight factor", "%") if daylight_factor else (quantity, "lx")))
-        saves: dict[Path, Save] = {path: partial(_save, measured=measured) for path in out}
+        saves: dict[Path, Save] = {path: partial(save, measured=measured) for path in out}
         rescue = {"measured.csv": partial(save_csv, at=at, found=found)}
 
         def lines(written: list[Path]) -> Iterator[str]:
@@ -265,6 +271,16 @@ def measure(
             lines,
             lambda _: f"what {outcome.film.path_sets} paths of each point found is written",
         )
+
+
+def _spacing(text: str) -> float | Literal["en12464-1"]:
+    """Return the value of --spacing. Raises UsageError unless it is a number or the name of the standard."""
+    if text.lower() == "en12464-1":
+        return "en12464-1"
+    try:
+        return real(text)
+    except ValueError:
+        raise UsageError(f"--spacing {text}: must be a number in scene units, or en12464-1.") from None
 
 
 def _check_makes_per_cent(scene: Scene, receiver: str, ambient: float | Sequence[float] | None) -> None:
@@ -329,44 +345,3 @@ def _summary(found: Irradiance, measured: Measured) -> Iterator[str]:
         )
     if found.unit == "radiometric":
         yield f"  lux are {EFFICACY:g} lm/W times 0.2126 R + 0.7152 G + 0.0722 B of the irradiance in W/m2"
-
-
-def _save(path: Path, measured: Measured) -> None:
-    """Write results in the format of the suffix; a path without a suffix means CSV on stdout."""
-    from glpath.cli import point_files
-
-    match path.suffix.lower():
-        case ".npz":
-            point_files.save_npz(path, measured.at, measured.found)
-        case ".html":
-            from glpath.cli.point_report import save_report
-
-            save_report(path, measured)
-        case ".png":
-            _save_picture(path, measured)
-        case ".glb":
-            from glpath.cli.point_model import save_glb
-
-            save_glb(path, measured)
-        case ".vtp":
-            from glpath.cli.point_model import save_vtp
-
-            save_vtp(path, measured)
-        case _:
-            point_files.save_csv(path, measured.at, measured.found)
-
-
-def _save_picture(path: Path, measured: Measured) -> None:
-    from glpath.cli.point_report import plan
-    from glpath.film.image import encode_png
-    from glpath.system.files import write_bytes
-
-    grid, found = measured.at.grid, measured.found
-    assert grid is not None, "asked for before"
-    inside = f"Without {measured.dark:,} that have no light at all (grey): " if measured.dark else ""
-    page = plan(
-        measured,
-        f"{grid.shape[1]} x {grid.shape[0]} points, {grid.apart} apart, {found.film.path_sets:,} paths each. "
-        f"{inside}{figures(measured.spread, 3, measured.unit)}.",
-    )
-    write_bytes(encode_png(page), path)

@@ -21,13 +21,14 @@ from glpath.cli.point_options import (
 )
 from glpath.cli.run_request import EXIT_CODES, OF_FILMS, RunRequest
 from glpath.cli.running import outcome_of
-from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
+from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_options import OF_LIGHT, with_scene_options
 from glpath.cli.unattended import checkpointed
 from glpath.cli.values import check_choice, check_spp, numbers
 from glpath.errors import UsageError
 from glpath.integrators.by_name import AUTO
 from glpath.io.completed import aside
+from glpath.scene.summary import light_of
 from glpath.system.numerals import real, whole
 from glpath.system.outputs import check_outputs, save_all
 from glpath.system.reporting import duration

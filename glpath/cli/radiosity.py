@@ -15,7 +15,7 @@ from glpath.cli.completion import words
 from glpath.cli.help import command_help
 from glpath.cli.options import with_options
 from glpath.cli.run_request import OF_SOLVERS, RunRequest
-from glpath.cli.scene import Parameters, SceneArgument, light_of, read_scene
+from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_options import OF_LIGHT, with_scene_options
 from glpath.cli.signals import (
     RESUME_LATER,
@@ -32,6 +32,7 @@ from glpath.cli.unattended import SOLVING, check_absent, done_but, left_in, remo
 from glpath.errors import GlpathError, ImageError, TimeLimitError, UsageError, warn
 from glpath.film.choices import TIME_LIMIT
 from glpath.io.completed import aside
+from glpath.scene.summary import light_of
 from glpath.system.files import check_writable
 from glpath.system.outputs import check_outputs, check_separate, save_all
 from glpath.system.reporting import ProgressEvent, duration, percent, reporting

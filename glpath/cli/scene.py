@@ -98,39 +98,6 @@ def read_scene(scene: str, parameters: Sequence[str] | None) -> Scene:
     return load_scene(read, surroundings)
 
 
-def light_of(scene: Scene) -> str:
-    """Return a line on the lights of a scene, including a sky that was added because the scene had no light."""
-    import numpy as np
-
-    from glpath.scene import Environment
-    from glpath.scene.maintenance import factors_of
-
-    emitting = sum(shape.emits for shape in scene.shapes)
-    shining = sum(bool(np.any(light.intensity > 0)) for light in scene.lights)
-    parts = [
-        f"{count:,} {word}{'s' * (count != 1)}"
-        for count, word in ((emitting, "shape"), (shining, "punctual light"))
-        if count
-    ]
-    if emitting:
-        parts[0] += " that emit" + "s" * (emitting == 1)
-    factors = sorted(set(factors_of(scene)))
-    if factors and factors != [1.0]:  # `factors` is empty if the sun is the only light
-        between = " to ".join(f"{factor:g}" for factor in dict.fromkeys((factors[0], factors[-1])))
-        parts[-1] += f" (maintenance factor {between})"
-    if isinstance(scene.sky, Environment):
-        studio = "a studio, as the scene has no light of its own"
-        parts.append(studio if scene.sky.assumed else "an environment map")
-        parts += ["a sun"] * (scene.sky.sun is not None)
-    elif scene.sky is not None:
-        added = ", as the scene has no light of its own" if scene.sky.assumed else ""
-        white = bool(np.all(scene.sky.zenith == 1) and np.all(scene.sky.horizon == 1))
-        parts.append(f"a white sky of radiance 1 from all around{added}" if white else "a sky")
-    if np.any(scene.ambient > 0):
-        parts.append("ambient light")
-    return f"light: {', '.join(parts) or 'none'}"
-
-
 @dataclass(frozen=True)
 class Scenes:
     """Scene of the command line at the time of any frame.

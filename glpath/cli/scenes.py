@@ -16,7 +16,6 @@ from glpath.cli import completion
 from glpath.cli.help import command_help
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_options import OF_PICTURES, with_scene_options
-from glpath.cli.scene_summary import summarize
 from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError, current_warnings
 from glpath.io import (
@@ -30,6 +29,7 @@ from glpath.io import (
 )
 from glpath.scene import check_scene
 from glpath.scene.source_location import coordinates
+from glpath.scene.summary import summarize
 from glpath.system.files import write_bytes
 from glpath.system.terminal import clean_console, say, say_json
 from glpath.system.units import Unit, symbol

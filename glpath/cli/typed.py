@@ -16,10 +16,13 @@ _WORDS = "glpath.words"
 _OF_COMMANDS = (
     *("integrator", "crop", "resolution", "device", "require_gpu", "hours", "time_limit"),
     *("size", "texels", "uv", "materials", "white_sky", "maintenance_factor"),
+    *("plane", "spacing", "area", "margin", "normal"),
 )
 
 # Argument NAME=VALUE. The value is a quoted word, several joined by ", " or " or ", a tuple, a boolean or a number.
-_ARGUMENT = re.compile(r"""\b([a-z_]+)=("[^"]*"(?:(?:, | or )"[^"]*")*|\([^()]*\)|(?:True|False)\b|[\d.]+\b)""")
+_ARGUMENT = re.compile(
+    r"""\b([a-z_]+)=("[^"]*"(?:(?:, | or )"[^"]*")*|\([^()]*\)|(?:True|False)\b|[+-]?[\d.]+(?:e[+-]?\d+)?\b)"""
+)
 
 
 def as_typed(text: str) -> str:

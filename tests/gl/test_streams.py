@@ -10,10 +10,10 @@ import pytest
 
 import glpath
 from glpath.buffers import path_buffer
-from glpath.cli.scene_summary import summarize
 from glpath.gl.camera import eye_uniforms, view_volume
 from glpath.gl.geometry_stream import before_planes
 from glpath.io.export import export
+from glpath.scene.summary import summarize
 from tests.support.engines import engine_options
 from tests.support.streams import GRASS, LAMPS, SKY, TRIANGLE, Given, in_memory, scene_of
 from tests.support.streams import streamed_corners as corners

@@ -21,10 +21,10 @@ import PIL.Image
 import pytest
 
 import glpath
+from glpath.apps.measure.tables import read_points
 from glpath.apps.terrain.reading import load_height_field
 from glpath.apps.view_factors.result import FORMAT as VIEW_FACTORS_FORMAT
 from glpath.apps.view_factors.result import ViewFactors
-from glpath.cli.point_files import read_points
 from glpath.errors import GlpathError, ImageError
 from glpath.film.film import Film
 from glpath.film.image import read_environment

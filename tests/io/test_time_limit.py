@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import glpath
-from glpath.cli.point_files import read_points
+from glpath.apps.measure.tables import read_points
 from glpath.cli.scene import read_scene
 from glpath.errors import TimeLimitError
 from glpath.lights.lighting import max_radiance
@@ -240,6 +240,6 @@ def test_points_file_that_exceeds_the_limit_is_named(tmp_path: Path, monkeypatch
         clock.ahead = 2.5
         return float(cell) if cell.isdigit() else float("nan")
 
-    monkeypatch.setattr("glpath.cli.point_files.real", later)
+    monkeypatch.setattr("glpath.apps.measure.tables.real", later)
     with limited(1.0), pytest.raises(TimeLimitError, match=r"over while reading points\.csv, before"):
         read_points(path, (0.0, 1.0, 0.0))

@@ -13,8 +13,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import glpath
+from glpath.apps.measure.points import en_12464_counts, plane_grid
+from glpath.apps.measure.tables import read_points
 from glpath.cli.main import app
-from glpath.cli.point_files import en_12464_counts, grid_of, read_points
 from glpath.film.film import Film
 from glpath.film.image import read_eight_bits
 from glpath.film.noise import standard_error
@@ -266,18 +267,20 @@ def test_a_picture_has_a_legend(scene: Path, tmp_path: Path) -> None:
 def test_grids_lie_where_they_are_asked_for() -> None:
     scene = load_scene(BOX)
     lower, upper = scene.bounds
-    down = grid_of("-y=0.4", None, None, scene)
+    down = plane_grid(scene, "-y=0.4")
     assert (down.normals == [0, -1, 0]).all()
     assert (down.points[:, 1] == 0.4).all()
     assert down.grid is not None
     np.testing.assert_allclose(down.grid.extent, [lower[0], upper[0], lower[2], upper[2]], atol=down.grid.step[0])
-    part = grid_of("x=0", "0.25", "0,1,1,3", scene)
+    part = plane_grid(scene, "x=0", spacing=0.25, area=(0, 1, 1, 3))
     assert part.grid is not None
     assert part.grid.shape == (8, 4)
     assert part.points[[0, -1]].tolist() == [[0, 0.125, 1.125], [0, 0.875, 2.875]]
     # What is not a whole number of steps is left over evenly.
-    assert grid_of("x=0", "0.4", "0,0,1,1", scene).points[0].tolist() == pytest.approx([0, 0.3, 0.3])
-    inner = grid_of("x=0", "0.5", "0,0,3,2", scene, margin=0.5, normal=(0, 0, 2))
+    assert plane_grid(scene, "x=0", spacing=0.4, area=(0, 0, 1, 1)).points[0].tolist() == pytest.approx(
+        [0, 0.3, 0.3]
+    )
+    inner = plane_grid(scene, "x=0", spacing=0.5, area=[[0, 0], [3, 2]], margin=0.5, normal=(0, 0, 2))
     assert inner.points[[0, -1]].tolist() == [[0, 0.75, 0.75], [0, 2.25, 1.25]]
     assert (inner.normals == [0, 0, 2]).all()
 
@@ -292,7 +295,7 @@ def test_a_standard_s_grid_has_the_points_of_its_tables() -> None:
     # A corridor's spacing is that of its width.
     assert en_12464_counts(20, 2) == (60, 6)
     assert en_12464_counts(1000, 1000) == (100, 100)
-    found = grid_of("y=1", "EN12464-1", "0,0,5,4", load_scene(BOX)).grid
+    found = plane_grid(load_scene(BOX), "y=1", spacing="en12464-1", area=(0, 0, 5, 4)).grid
     assert found is not None
     assert (found.shape, found.step) == ((6, 8), (5 / 8, 4 / 6))
     np.testing.assert_allclose(found.extent, [0, 5, 0, 4], atol=1e-12)
@@ -364,7 +367,7 @@ def test_a_broken_table_is_told_by_its_line(tmp_path: Path, text: str, words: st
     path = tmp_path / "points.csv"
     path.write_text(text)
     with pytest.raises(glpath.UsageError) as caught:
-        read_points(path, None)
+        read_points(path)
     assert words in str(caught.value)
     assert str(path) in str(caught.value)
 
@@ -386,7 +389,7 @@ def test_a_broken_table_is_told_by_its_line(tmp_path: Path, text: str, words: st
 def test_tables_are_read_as_programs_write_them(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "points.csv"
     path.write_bytes(content)
-    found = read_points(path, None)
+    found = read_points(path)
     assert found.points.tolist() == [[0.5, 1.25, -2], [3, 0.4, 5]]
     assert found.normals.tolist() == [[0, 0, 1], [0, 0.5, 0]]
 
@@ -395,17 +398,17 @@ def test_what_a_comma_means_is_not_guessed(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     path.write_text("x;y;z;nx;ny;nz\n1,250;2.5;0;0;0;1\n")
     with pytest.raises(glpath.UsageError, match="line 2: x is '1,250' where a finite number"):
-        read_points(path, None)
+        read_points(path)
     path.write_bytes("x,y,z,Höhe\n".encode("latin-1"))
     with pytest.raises(glpath.UsageError, match="not UTF-8 text"):
-        read_points(path, None)
+        read_points(path)
 
 
 def test_a_normal_is_given_once(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     path.write_text("0,0,0\n1,2,3\n")
     assert read_points(path, (0.0, 1.0, 0.0)).normals.tolist() == [[0, 1, 0], [0, 1, 0]]
-    with pytest.raises(glpath.UsageError, match="--normal: 0, 0, 0 looks nowhere"):
+    with pytest.raises(glpath.UsageError, match=r"normal=\(0, 0, 0\): looks nowhere"):
         read_points(path, (0.0, 0.0, 0.0))
     path.write_text("0,0,0,0,0,1\n")
     with pytest.raises(glpath.UsageError, match="beside the normals"):

@@ -321,7 +321,7 @@ def _horizon_table(folder: Path) -> object:
 
 
 def _points(folder: Path) -> object:
-    from glpath.cli.point_files import read_points
+    from glpath.apps.measure.tables import read_points
 
     return read_points(folder / "points.csv", None)
 

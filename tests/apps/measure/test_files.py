@@ -14,14 +14,14 @@ import pytest
 from typer.testing import CliRunner
 
 import glpath
+from glpath.apps.measure.measured import Measured
+from glpath.apps.measure.models import save_glb, save_vtp
+from glpath.apps.measure.points import Points, plane_grid
+from glpath.apps.measure.report import save_report
 from glpath.cli.main import app
-from glpath.cli.measured import Measured
-from glpath.cli.point_files import Points, grid_of
-from glpath.cli.point_model import save_glb, save_vtp
-from glpath.cli.point_report import save_report
-from glpath.cli.scene import light_of
 from glpath.errors import GlpathError, SceneWarning
 from glpath.scene.maintenance import maintained
+from glpath.scene.summary import light_of
 from glpath.system.colour import encode_srgb
 from tests.io.test_vtk import arrays
 
@@ -49,7 +49,7 @@ def lux(points: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="module")
 def measured() -> Measured:
     scene = maintained(glpath.load_scene(ROOM), 0.8)
-    at = grid_of("z=0.5", "1", None, scene)
+    at = plane_grid(scene, "z=0.5", spacing=1)
     found = glpath.irradiance(scene, at.points, at.normals, spp=16, max_depth=1)
     return Measured(at, found, scene, "Illuminance")
 
@@ -158,7 +158,7 @@ def test_a_report_of_a_georeferenced_model_has_its_coordinates(
 
 def test_large_grids_are_thinned_on_the_plan(tmp_path: Path) -> None:
     scene = glpath.load_scene(ROOM)
-    at = grid_of("z=0.5", "0.05", None, scene)
+    at = plane_grid(scene, "z=0.5", spacing=0.05)
     found = glpath.irradiance(scene, at.points, at.normals, spp=1, max_depth=1)
     save_report(tmp_path / "lux.html", Measured(at, found, scene, "Illuminance"))
     text = (tmp_path / "lux.html").read_text(encoding="utf-8")
@@ -214,7 +214,7 @@ def test_a_model_has_the_scene_and_the_plane_in_its_colours(measured: Measured, 
 
 def test_a_model_says_what_it_leaves_out(tmp_path: Path) -> None:
     scene = glpath.load_scene({**ROOM, "sky": {"zenith": [1, 1, 1]}})
-    at = grid_of("z=0.5", "2", None, scene)
+    at = plane_grid(scene, "z=0.5", spacing=2)
     found = glpath.irradiance(scene, at.points, at.normals, spp=1, max_depth=1)
     with pytest.warns(SceneWarning, match="the sky is left out"):
         save_glb(tmp_path / "lux.glb", Measured(at, found, scene, "Illuminance"))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.cli.point_files import Points
+from glpath.apps.measure.points import Points
 
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from glpath.cli.measured import Measured
+from glpath.apps.measure.measured import Measured
 from glpath.errors import warn
 from glpath.io.export.false_colours import Facets, cells
 from glpath.io.export.gltf import write_gltf

@@ -17,13 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from glpath.cli.measured import Measured
-from glpath.cli.point_figures import with_error
-from glpath.cli.point_files import AXES, Grid, Points, coordinate
-from glpath.cli.scene import light_of
-from glpath.cli.scene_summary import about_lights
+from glpath.apps.measure.figures import with_error
+from glpath.apps.measure.measured import Measured
+from glpath.apps.measure.points import AXES, Grid, Points, coordinate
 from glpath.film.charts import colour_range, false_colours, field
 from glpath.film.image import encode_png
+from glpath.scene.summary import about_lights, light_of
 from glpath.system.colour import luminance
 from glpath.system.files import write_bytes
 from glpath.system.reporting import duration
@@ -45,7 +44,7 @@ _LAMP_ROWS = 100
 
 def save_report(path: Path, measured: Measured) -> None:
     """Write the .html, whole or not at all. Raises ImageError, and GlpathError without matplotlib."""
-    page = resources.files(__package__).joinpath("point_report.html").read_text(encoding="utf-8")
+    page = resources.files(__package__).joinpath("report.html").read_text(encoding="utf-8")
     page = page.replace("<!--TITLE-->", escape(measured.title))
     write_bytes(page.replace("<!--BODY-->", "\n".join(_body(measured))).encode(), path)
 
