@@ -95,6 +95,8 @@ TASKS = (
                 "probes",
                 "Probes",
             ),
+            "glpath.apps.measure.points": ("plane_grid", "Points", "Grid"),
+            "glpath.apps.measure.tables": ("read_points", "save_csv", "save_npz"),
             "glpath.apps.daylight.visibility": ("visible",),
         },
     ),
