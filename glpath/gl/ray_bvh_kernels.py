@@ -16,7 +16,7 @@ from glpath.accel.bvh import build_in_threads
 from glpath.accel.wide import WIDTH, WideBvh
 from glpath.accel.wide_kernels import Nodes, collapse_compiled, octant_orders
 from glpath.system.kernels import inner_kernel, kernel
-from glpath.system.machine import in_threads
+from glpath.system.threads import in_threads
 
 if TYPE_CHECKING:
     from glpath.gl.bvh_grid import Grid

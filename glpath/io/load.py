@@ -322,10 +322,10 @@ def _syntax_error(error: tomllib.TOMLDecodeError, text: str, location: SourceLoc
     column = int(found[3] or len(lines[-1]) + 1)
     line = lines[min(number, len(lines)) - 1]
     first = max(0, column - _SHOWN)
-    pipe = not location.source.lower().endswith(".toml")
-    format_note = (
-        "\nWhat comes from a pipe is read as a scene file. Save a model in a file with its suffix." if pipe else ""
-    )
+    format_note = ""
+    if not location.source.lower().endswith(".toml"):
+        where = "A file with another suffix" if os.path.isfile(location.source) else "What comes from a pipe"
+        format_note = f"\n{where} is read as a scene file. Save a model in a file with its suffix."
     return SourceLocation(location.source, f"line {number}, column {column}").error(
         f"is not valid TOML: {found[1]}.",
         f"{line[first : first + _SHOWN]}\n{' ' * (column - 1 - first)}^{format_note}",

@@ -27,7 +27,7 @@ from glpath.scene import Scene
 from glpath.scene.model import Float64, Light
 from glpath.scene.pieces import pieces
 from glpath.system.kernels import kernel
-from glpath.system.machine import in_threads
+from glpath.system.threads import in_threads
 from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
@@ -394,7 +394,7 @@ def first_hits(
     def part(begin: int, end: int) -> None:
         _cast(rays, backs, *(array[begin:end] for array in arrays), np.empty((2, 3)))
 
-    in_threads(len(origins), _TOGETHER, part)
+    in_threads(len(origins), _TOGETHER, part, rays.stop)
     back = np.einsum("ij,ij->i", backs.normals[hits], directions) > 0
     return hits, back.astype(np.int64), distances
 

@@ -21,6 +21,7 @@ from glpath.scene import Scene
 from glpath.scene.model import Float64
 from glpath.scene.sight import winding_number
 from glpath.system.kernels import kernel
+from glpath.system.threads import worker_threads
 from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
@@ -118,7 +119,10 @@ def inside_solids(scene: Scene, rays: Rays, opaque: Bools, shines: Bools) -> Boo
     wanted = np.asarray((solid[found.surface][:, None] & once) | np.asarray(lamps)[:, None])
     which, corner = np.nonzero(wanted)
     ends = np.stack([scene.triangles[which, corner], scene.triangles[which, (corner + 1) % 3]], axis=1)
-    _cross(rays, found.vertex, found.surface, lamps, which, edges[which, corner], ends, crossed)
+    with worker_threads(rays.stop) as pool:
+        pool.submit(
+            _cross, rays, found.vertex, found.surface, lamps, which, edges[which, corner], ends, crossed
+        ).result()
     solid &= ~crossed
     # A lamp that does not cross a solid is wholly inside or wholly outside, so one point of the lamp decides.
     _, firsts = np.unique(found.surface[lamps], return_index=True)
@@ -169,6 +173,8 @@ def _cross(rays, vertex, surface, lamps, triangle, edge, ends, crossed):  # type
     """
     boxes, corners = rays.boxes, rays.corners
     for i in range(len(triangle)):
+        if rays.stop[0]:
+            return
         own = surface[triangle[i]]
         shines = lamps[triangle[i]]
         if crossed[own] and not shines:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import math
 import os
 import re
 import secrets
@@ -27,6 +28,7 @@ from typing import BinaryIO
 from glpath.errors import GlpathError, ImageError
 from glpath.system.bounded_reading import count_bytes, count_file, reading_result
 from glpath.system.machine import posix_module
+from glpath.system.signals import RECORDS
 from glpath.system.time_limit import check_time
 
 _fcntl = posix_module("fcntl")
@@ -173,9 +175,11 @@ MAX_TEXT_BYTES = 2**23
 _MAX_PIPE_BYTES = 2**28
 # Maximum wait for a writer of a named pipe, seconds. After it, reading fails.
 _WRITER_S = 3.5
-# Interval between checks for a writer of a named pipe, seconds.
+# Maximum time without a reader, or with a reader that reads nothing, after a signal, seconds.
+_AFTER_SIGNAL_S = 1.0
+# Interval between checks for a writer or a reader of a named pipe, seconds.
 _LOOK_S = 0.02
-# Interval between checks of the time limit while a pipe is silent, milliseconds.
+# Interval between checks of time and signals while a pipe is silent, milliseconds.
 _SILENCE_MS = 100
 _PART_BYTES = 1 << 20
 _MORE_MEMORY = "Close other programs, or use a machine with more memory."
@@ -483,23 +487,75 @@ def _through_a_folder(path: str | Path) -> Iterator[Path]:
         temporary = Path(folder) / f"output{Path(path).suffix}"
         yield temporary
         with temporary.open("rb") as written, _opened(path) as stream:
-            shutil.copyfileobj(written, stream)
-            stream.flush()
+            if (descriptor := _descriptor_to_wait_for(stream)) is None:
+                shutil.copyfileobj(written, stream)
+                stream.flush()
+                return
+            patience = _Patience()
+            # Pieces of this size never block after `poll` has reported that the pipe takes bytes (POSIX).
+            while piece := written.read(select.PIPE_BUF):
+                while piece:
+                    patience.wait_for_reader(descriptor)
+                    with suppress(BlockingIOError):
+                        piece = piece[os.write(descriptor, piece) :]
+
+
+class _Patience:
+    """Wait for the reader of a pipe, which ends with an error after a signal.
+
+    Without a signal, the wait has no limit. The first signal of a command may have come while it rendered.
+    """
+
+    def __init__(self) -> None:
+        self._ends = math.inf
+
+    def check(self) -> None:
+        """Raise TimeoutError within `without_waiting`, or if `_AFTER_SIGNAL_S` passed after a signal."""
+        arrived = any(record.first is not None for record in RECORDS)
+        if arrived and self._ends == math.inf:
+            self._ends = time.monotonic() + _AFTER_SIGNAL_S
+        if _WITHOUT_WAITING.get() or time.monotonic() > self._ends:
+            ended = ", and a signal ended the wait" if arrived else ""
+            raise TimeoutError(errno.ETIMEDOUT, f"nobody reads the pipe{ended}")
+
+    def wait_for_reader(self, descriptor: int) -> None:
+        """Return when a pipe takes bytes. Raises TimeoutError as `check`."""
+        poll = select.poll()
+        poll.register(descriptor, select.POLLOUT)
+        while not poll.poll(_SILENCE_MS):
+            self.check()
+        self._ends = math.inf
+
+
+def _descriptor_to_wait_for(stream: BinaryIO) -> int | None:
+    """Return the descriptor of a stream if the system can wait for its reader; otherwise None."""
+    if not hasattr(select, "poll"):
+        return None
+    try:
+        descriptor = stream.fileno()
+    except (OSError, AttributeError, ValueError):  # a stream in memory
+        return None
+    stream.flush()  # what was printed before
+    return descriptor
 
 
 def _opened(path: str | Path) -> AbstractContextManager[BinaryIO]:
     if str(path) == STDOUT:
         return nullcontext(_standard_output())
-    return open(path, "wb", opener=_open_at_once if _WITHOUT_WAITING.get() else None)
+    return open(path, "wb", buffering=0, opener=_open_for_reader)
 
 
-def _open_at_once(path: str, flags: int) -> int:
-    try:
-        return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
-    except OSError as error:
-        if error.errno == errno.ENXIO:
-            raise OSError(errno.ENXIO, "nobody reads the pipe") from error
-        raise
+def _open_for_reader(path: str, flags: int) -> int:
+    """Open a pipe or device as soon as it has a reader. Raises OSError, and TimeoutError as `_Patience.check`."""
+    patience = _Patience()
+    while True:
+        try:
+            return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
+        except OSError as error:
+            if error.errno != errno.ENXIO:  # the error of a pipe without a reader
+                raise
+        patience.check()
+        time.sleep(_LOOK_S)
 
 
 def _standard_output() -> BinaryIO:

@@ -5,14 +5,9 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from pathlib import Path
 from typing import Any
-
-from glpath.system.heartbeat import heartbeat
-from glpath.system.time_limit import check_time
 
 # Maximum number of threads of this process; None: no limit.
 _max_threads: int | None = None
@@ -51,23 +46,6 @@ def core_count() -> int:
     """Return the number of cores that this process may use; `limit_threads` may reduce it."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return cores if _max_threads is None else min(cores, _max_threads)
-
-
-def in_threads(count: int, size: int, work: Callable[[int, int], object]) -> None:
-    """Call `work(begin, end)` for ranges of up to `size` that cover 0 to `count`, in one thread per core.
-
-    This is faster only for work that releases Python's lock, such as kernels. Raises TimeLimitError inside
-    `named_work`.
-    """
-    begins = range(0, count, size)
-    if len(begins) < 2:
-        for begin in begins:
-            work(begin, count)
-        return
-    with ThreadPoolExecutor(core_count()) as pool:
-        for _ in pool.map(lambda begin: work(begin, min(begin + size, count)), begins):
-            heartbeat.beat()
-            check_time()
 
 
 def limit_threads(count: int) -> None:

@@ -209,6 +209,14 @@ def seconds_left() -> float:
     return math.inf if limit is None else limit.ends - time.perf_counter()
 
 
+def seconds_to_error(doing: str | None = None) -> float:
+    """Return the seconds after which `check_time(doing)` raises TimeLimitError; infinity if it never will."""
+    limit = _limit.get()
+    if limit is None or (doing or _work.get()) is None:
+        return math.inf
+    return limit.ends + limit.grace - time.perf_counter()
+
+
 def time_is_up() -> bool:
     """Return True if the limit is over."""
     return seconds_left() <= 0

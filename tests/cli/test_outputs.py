@@ -10,6 +10,7 @@ import stat
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from glpath.radiosity import RadiositySolution
 from glpath.rendering import RenderJob, calls
 from glpath.rendering.interrupts import interrupt_as_flag
 from glpath.system import files, outputs
+from glpath.system.signals import SignalRecord
 from tests.conftest import MakeFilm
 
 FULL = Path("/dev/full")
@@ -639,6 +641,50 @@ def test_a_reader_that_leaves_is_an_error_and_no_traceback(make_film: MakeFilm, 
     reader.join(10)
 
 
+@pytest.mark.parametrize("is_open", [False, True])
+def test_a_signal_ends_the_wait_for_a_reader_of_a_pipe(
+    is_open: bool, make_film: MakeFilm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`timeout` sends one signal, and waited for ever."""
+    path = tmp_path / "a.exr"
+    os.mkfifo(path)
+    monkeypatch.setattr(files, "_AFTER_SIGNAL_S", 0.05)
+    record = SignalRecord()
+    monkeypatch.setattr(files, "RECORDS", [record])
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK) if is_open else None
+    later = threading.Timer(0.1, lambda: record.record(signal.SIGTERM))
+    later.start()
+    with pytest.raises(ImageError, match=r"a.exr: cannot be written: nobody reads the pipe, and a signal ended"):
+        make_film([(0, 8)], (400, 400)).save(path)
+    assert record.first == signal.SIGTERM
+    if reader is not None:
+        os.close(reader)
+
+
+def test_a_slow_reader_gets_everything_after_a_signal(
+    make_film: MakeFilm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = SignalRecord()
+    record.record(signal.SIGTERM)
+    monkeypatch.setattr(files, "RECORDS", [record])
+    monkeypatch.setattr(files, "_AFTER_SIGNAL_S", 0.5)
+    film, path, received = make_film([(0, 8)], (400, 400)), tmp_path / "a.exr", bytearray()
+    os.mkfifo(path)
+
+    def read() -> None:
+        with path.open("rb", buffering=0) as reader:
+            while piece := reader.read(1 << 18):
+                received.extend(piece)
+                time.sleep(0.02)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    film.save(path)
+    reader.join(10)
+    film.save(tmp_path / "b.exr")
+    assert bytes(received) == (tmp_path / "b.exr").read_bytes()
+
+
 def test_dash_is_a_png_on_standard_output(film: Film, tmp_path: Path) -> None:
     result = run("render", "furnace", "-o", "-", "-o", tmp_path / "a.png")
     assert result.exit_code == 0, result.stderr
@@ -732,10 +778,15 @@ def test_a_mistake_on_standard_input_is_named() -> None:
     assert run("info", "-", "-D", "radiance=1", stdin=SCENE).exit_code == 2
 
 
-def test_model_on_standard_input_is_told_that_it_needs_a_suffix() -> None:
+def test_model_on_standard_input_is_told_that_it_needs_a_suffix(tmp_path: Path) -> None:
     result = run("info", "-", stdin="v 0 0 0\n")
     assert result.exit_code == 1
-    assert "is read as a scene file. Save a model in a file with its suffix." in result.stderr
+    assert (
+        "What comes from a pipe is read as a scene file. Save a model in a file with its suffix." in result.stderr
+    )
+    (tmp_path / "room.json").write_text('{"type": "Model"}')
+    result = run("info", tmp_path / "room.json")
+    assert "A file with another suffix is read as a scene file." in result.stderr
 
 
 @pytest.mark.parametrize("text", [b"", b"film = "])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pydoc
 import re
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
@@ -19,12 +20,14 @@ from glpath.apps.lightmap.lightmap import Bake
 from glpath.apps.probes import ProbeGrid
 from glpath.cli.run_request import RunRequest
 from glpath.cli.unattended import checkpointed
+from glpath.io.completed import uniform_sky
 from glpath.rendering import loop
 from glpath.rendering.factory import UNGUIDED
 from glpath.rendering.run_options import RunOptions
 from glpath.system.time_limit import check_time, limited, preparing, seconds_left
 from tests.conftest import MakeFilm
 from tests.support.clock import Clock
+from tests.support.objects import scene_of
 
 BOX = "cornell-box-36"
 #: More pixels than a thumbnail, so that "auto" is the gather.
@@ -374,6 +377,29 @@ def test_cylinders_whose_preparation_takes_longer_than_the_limit_are_refused_at_
     monkeypatch.setattr("glpath.rendering.points._SECONDS_PER_DIRECTION", 1.0)
     with pytest.raises(glpath.TimeLimitError, match="preparing the points would take about 32 s"):
         glpath.irradiance("cornell-box", [[0.0, 0, 0]], [0.0, 1, 0], receiver="cylinder", time_limit=20.0)
+
+
+@pytest.mark.parametrize(
+    "solve",
+    [
+        lambda scene, limit: glpath.solve_radiosity(scene, method="monte-carlo", time_limit=limit),
+        lambda scene, limit: glpath.solve_radiosity(scene, method="progressive", time_limit=limit),
+        lambda scene, limit: glpath.probes(scene, (10, 10, 10), spp=1, time_limit=limit),
+    ],
+    ids=["monte-carlo", "progressive", "probes"],
+)
+def test_a_time_limit_ends_rays_that_are_tested_with_many_triangles(
+    solve: Callable[[glpath.Scene, float | None], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A part of the rays took minutes, and time was checked only after each part."""
+    one, many = (np.tile([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.1]], (count, 1)) for count in (1, 12_000))
+    solve(scene_of(triangles=one, sky=uniform_sky()), None)  # compiles the kernels
+    scene = scene_of(triangles=many, sky=uniform_sky())
+    monkeypatch.setattr("glpath.system.time_limit.GRACE", 0.4)
+    begin = time.perf_counter()
+    with pytest.raises(glpath.TimeLimitError, match="over while"):
+        solve(scene, 0.1)
+    assert time.perf_counter() - begin < 3.0
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ Poor at:  bias at sensors that are not in the sample.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +20,7 @@ from glpath.apps.daylight.hits import BATCHES, Shooting, cast_hits, follow, ray_
 from glpath.apps.daylight.receivers import RECEIVERS, Receiver
 from glpath.film.bias import BLOCKS, SURE, Bias, bias_of, summed
 from glpath.system.machine import core_count
+from glpath.system.threads import worker_threads
 
 Float64 = NDArray[np.float64]
 
@@ -109,7 +109,7 @@ def walk_to_sky(
         room = np.empty((3, 3))
         follow(shooting, sides.surfaces, sides.reflected, sides.transmitted, max_reflections, light[part], room)
 
-    with ThreadPoolExecutor(threads) as pool:
+    with worker_threads(sides.surfaces.rays.stop) as pool:
         ends = np.linspace(0, len(points), 4 * threads + 1).astype(int).tolist()
         list(pool.map(work, [slice(a, b) for a, b in pairwise(ends) if b > a]))
     return np.float32(np.pi) * light

@@ -10,7 +10,6 @@ Cost:     about a microsecond of a core for each ray.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -23,6 +22,7 @@ from glpath.radiosity.shafts.rays import nearest
 from glpath.radiosity.solvers.particles import ParticleSurfaces, next_random
 from glpath.system.kernels import inner_kernel, kernel
 from glpath.system.machine import core_count
+from glpath.system.threads import worker_threads
 
 Float64 = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def cast_hits(
     step = 4 * max(1, _BLOCK // count // 4)
     threads = core_count()
     kind = RECEIVERS.index(receiver)
-    with ThreadPoolExecutor(threads) as pool:
+    with worker_threads(surfaces.rays.stop) as pool:
         for first in range(0, len(points), step):
             last = min(first + step, len(points))
             side = np.empty((last - first, count), np.int32)

@@ -20,7 +20,6 @@ Poor at:  receivers that touch an emitter, and the penumbra of a lamp for which 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -36,11 +35,12 @@ from glpath.scene import Scene
 from glpath.scene.model import Float64, Int32
 from glpath.system.heartbeat import heartbeat
 from glpath.system.kernels import inner_kernel, kernel
-from glpath.system.machine import core_count
+from glpath.system.threads import worker_threads
 from glpath.system.time_limit import check_time
 
 Kind = Literal["polygon", "disc"]
 KINDS: tuple[Kind, ...] = ("polygon", "disc")
+_DOING = "finding form factors"
 
 #: Minimum distance from a receiver point to an emitter, as a multiple of the size of the emitter's parts. Closer
 #: emitters get more and smaller parts.
@@ -147,13 +147,11 @@ class FormFactors:
         self, batches: Sequence[int], at: ReceiverPoints
     ) -> list[tuple[NDArray[np.float32], Statistics]]:
         """Return `of_batch` of several batches, computed in threads. Raises TimeLimitError."""
-        threads = max(1, min(core_count(), len(batches)))
         found = []
-        with ThreadPoolExecutor(threads) as pool:
-            share = pool.map if threads > 1 else map
-            for one in share(lambda b: self.of_batch(b, at), batches):
+        with worker_threads(self.visibility.stop, doing=_DOING) as pool:
+            for one in pool.map(lambda batch: self.of_batch(batch, at), batches):
                 found.append(one)
-                check_time("finding form factors")  # checked here, because worker threads have no time limit
+                check_time(_DOING)  # checked here, because worker threads have no time limit
         return found
 
 

@@ -13,7 +13,7 @@ Poor at:  an environment map seen through small openings, which few of a point's
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +31,7 @@ from glpath.scene.appearance import Appearance
 from glpath.scene.model import Environment, Float64, Light
 from glpath.system.heartbeat import heartbeat
 from glpath.system.kernels import kernel
-from glpath.system.machine import core_count
+from glpath.system.threads import Stop, StoppedError, worker_threads
 from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
@@ -113,7 +113,7 @@ class DirectLight:
             guides = guides_of(bins[of])
             found[at] = self.estimate(points[at], sides.normal[of], triangle[of], random, rays, guides)
 
-        with ThreadPoolExecutor(core_count()) as pool:
+        with worker_threads(*self.stops, doing=_DOING) as pool:
             for part, seen in zip(parts, pool.map(look, range(len(parts))), strict=True):
                 check_time(_DOING)  # checked here, because worker threads have no time limit
                 np.add.at(bins, number[part], seen)
@@ -130,7 +130,7 @@ class DirectLight:
             return self.estimate(points[at], normals[at], triangle[at], np.random.default_rng(i))
 
         found = np.zeros((len(points), 3))
-        with ThreadPoolExecutor(core_count()) as pool:
+        with worker_threads(*self.stops, doing=_DOING) as pool:
             for at, light in zip(parts, pool.map(part, range(len(parts))), strict=True):
                 check_time(_DOING)  # checked here, because worker threads have no time limit
                 found[at] = light
@@ -208,15 +208,19 @@ class DirectLight:
 
         def part(at: slice) -> tuple[Float64, Float64]:
             p, n, own, near = points[at], normals[at], triangle[at], radius[at]
-            brings = [total(self._of_light(light, p, n, own).mean(axis=1)) for light in lights]
+            brings = [total(each.mean(axis=1)) for each in self._of_each_light(p, n, own)]
             blocks = [slice(i, i + size) for i in range(0, len(p), size)]
-            may_bring = [total(self._mixed.bounds(p[some], n[some], near[some])) for some in blocks]
+            may_bring = []
+            for some in blocks:
+                self._check_stop()
+                may_bring.append(total(self._mixed.bounds(p[some], n[some], near[some])))
             return np.stack(brings, axis=1), total(np.concatenate(may_bring))
 
         found = [(np.zeros((0, len(lights))),) * 2]
-        with ThreadPoolExecutor(core_count()) as pool:
+        doing = "finding the light of each lamp"
+        with worker_threads(*self.stops, doing=doing) as pool:
             for each in pool.map(part, parts):
-                check_time("finding the light of each lamp")
+                check_time(doing)
                 found.append(each)
         brings, may_bring = (total(np.concatenate(each)) for each in zip(*found, strict=True))
         return LightChoice.of(brings, may_bring)
@@ -232,8 +236,8 @@ class DirectLight:
         """Return (P, 3), irradiance by point, spot and directional lights."""
         total = np.zeros((len(points), 3))
         if chosen is None:
-            for light in self.lighting.punctual:
-                total += self._of_light(light, points, normals, triangle)
+            for found in self._of_each_light(points, normals, triangle):
+                total += found
             return total
         drawn, counts = chosen.choice.draw(chosen.rows, random)
         each = drawn.shape[1]
@@ -242,9 +246,25 @@ class DirectLight:
         found = self._arriving(there, points[at], normals[at], triangle[at])
         return np.asarray((counts[..., None] * found.reshape(-1, each, 3)).sum(axis=1))
 
+    def _of_each_light(self, points: Float64, normals: Float64, triangle: Int64) -> Iterator[Float64]:
+        """Yield (P, 3), irradiance by each light. Raises StoppedError."""
+        for light in self.lighting.punctual:
+            self._check_stop()
+            yield self._of_light(light, points, normals, triangle)
+
     def _of_light(self, light: Light, points: Float64, normals: Float64, triangle: Int64) -> Float64:
         """Return (P, 3), irradiance by one light."""
         return self._arriving(incident(light, points), points, normals, triangle)
+
+    @property
+    def stops(self) -> tuple[Stop, ...]:
+        """Flags of `worker_threads` that end this work; none without lights."""
+        return () if self._surfaces is None else (self._surfaces.rays.stop,)
+
+    def _check_stop(self) -> None:
+        """Raise StoppedError if `worker_threads` ends the work. Loops over lights call it, as there may be many."""
+        if any(stop[0] for stop in self.stops):
+            raise StoppedError
 
     def _arriving(self, there: Incident, points: Float64, normals: Float64, triangle: Int64) -> Float64:
         """Return (P, 3), irradiance by the incident light at each point."""

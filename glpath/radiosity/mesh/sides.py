@@ -20,7 +20,7 @@ from glpath.scene.model import Float64
 from glpath.scene.pieces import pieces
 from glpath.scene.sight import winding_number
 from glpath.system.kernels import kernel
-from glpath.system.machine import in_threads
+from glpath.system.threads import in_threads
 from glpath.system.time_limit import check_time
 
 #: Number of parts per edge of a partly buried element, whose _FINE^2 parts are tested to measure its unburied area.
@@ -266,7 +266,7 @@ def in_the_open(
         some = (array[begin:end] for array in (origins, normals, off))
         _in_the_open(rays, of_solid, face, *some, np.empty((3, 3)), free[begin:end])
 
-    in_threads(len(points), _TOGETHER, part)
+    in_threads(len(points), _TOGETHER, part, rays.stop)
     return free
 
 

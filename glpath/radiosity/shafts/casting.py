@@ -350,7 +350,7 @@ def cast_groups(step, first, last, roots, root_flags, work):  # type: ignore[no-
     tiny = -1e-12 * settings.size
 
     group = first
-    while group < last:
+    while group < last and work.stop[0] == 0:
         while group >= ends[level]:
             level -= 1
         # Facing tests come first, for all points of the group at once.

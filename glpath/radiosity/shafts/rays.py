@@ -10,6 +10,7 @@ from glpath.accel.bvh import build_bvh
 from glpath.scene import Scene
 from glpath.scene.model import Float64, Int32
 from glpath.system.kernels import inner_kernel
+from glpath.system.threads import Stop
 
 #: Minimum distance of a hit, as a fraction of the scene's extent.
 _START = 1e-9
@@ -21,6 +22,7 @@ class Rays(NamedTuple):
     boxes   : (M, 6) boxes of the nodes; see `Bvh` for skip, first, items (its count) and order
     corners : (T, 9): corner 0 of each triangle, and the edges from it to corners 1 and 2
     start   : minimum distance of a hit
+    stop    : flag of `worker_threads`; while it is set, `nearest` finds nothing
     """
 
     boxes: Float64
@@ -30,6 +32,7 @@ class Rays(NamedTuple):
     order: Int32
     corners: Float64
     start: float
+    stop: Stop
 
 
 def rays_of(scene: Scene) -> Rays:
@@ -47,12 +50,15 @@ def rays_through(triangles: Float64, extent: float) -> Rays:
     corners = np.concatenate(
         [triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]], 1
     )
-    return Rays(boxes, tree.skip, tree.first, tree.count, tree.order, np.ascontiguousarray(corners), start)
+    stop = np.zeros(1, np.int64)
+    return Rays(boxes, tree.skip, tree.first, tree.count, tree.order, np.ascontiguousarray(corners), start, stop)
 
 
 @inner_kernel
 def nearest(rays, o, d, own, found):  # type: ignore[no-untyped-def]
     """Return the first triangle along a ray except `own`, or -1. Fills `found`: distance and b1, b2 of the hit."""
+    if rays.stop[0]:
+        return -1
     boxes, corners = rays.boxes, rays.corners
     ox, oy, oz, dx, dy, dz = o[0], o[1], o[2], d[0], d[1], d[2]
     # Infinite values give correct results. Only 0 * infinity is NaN, which min and max ignore.

@@ -109,6 +109,7 @@ class Work(NamedTuple):
     keys, by, spare : (M,) working memory of `merge_sort`; empty if lists are not sorted
     ends, around    : (L,) end, and (L, 4) list, of each group around the current one
     counts          : counts of `Statistics`, which are increased
+    stop            : flag of `worker_threads`, which ends the work
     """
 
     lists: CandidateLists
@@ -121,9 +122,10 @@ class Work(NamedTuple):
     ends: NDArray[np.int64]
     around: NDArray[np.int64]
     counts: NDArray[np.int64]
+    stop: NDArray[np.int64]
 
     @classmethod
-    def of(cls, step: Step, together: int, mailbox: bool) -> Work:
+    def of(cls, step: Step, together: int, mailbox: bool, stop: NDArray[np.int64]) -> Work:
         """Allocate the working memory for groups of at most `together` points, whose rays are tested together."""
         nodes, levels, samples = len(step.tree.skip), step.groups.levels, len(step.source.points)
         room = (levels + 2) * nodes + 1
@@ -141,6 +143,7 @@ class Work(NamedTuple):
             np.empty(levels + 2, np.int64),
             np.empty((levels + 2, 4), np.int64),
             np.zeros(STATISTICS, np.int64),
+            stop,
         )
 
 

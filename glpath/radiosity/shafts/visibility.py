@@ -33,6 +33,7 @@ from glpath.radiosity.shafts.points import Groups, group_points
 from glpath.radiosity.shafts.search import SearchTree, Settings, Step, Work, find_emitter_list
 from glpath.radiosity.shafts.shaft import CandidateLists
 from glpath.system.machine import core_count
+from glpath.system.threads import Stop
 from glpath.system.time_limit import check_time
 
 
@@ -53,12 +54,15 @@ class Visibility:
     options   : options of the search for occluders
     bvh : "areas" for the tree of `build_bvh`, or "clusters" for that of Goldsmith and Salmon as in the paper
     threads   : number of threads; None for one per core
+
+    While its flag `stop` is set, see `worker_threads`, points see nothing.
     """
 
     occluders: Occluders
     options: ShaftOptions = field(default_factory=ShaftOptions)
     bvh: Literal["areas", "clusters"] = "areas"
     threads: int | None = None
+    stop: Stop = field(default_factory=lambda: np.zeros(1, np.int64), init=False, repr=False)
 
     @cached_property
     def tree(self) -> Bvh:
@@ -142,7 +146,7 @@ class Visibility:
 
         def some(part: slice) -> NDArray[np.int64]:
             together = int((groups.end[part] - groups.begin[part]).max(initial=0)) if o.together else 0
-            work = Work.of(step, together, o.mailbox and o.strategy in ("ratio open", "always open"))
+            work = Work.of(step, together, o.mailbox and o.strategy in ("ratio open", "always open"), self.stop)
             cast_groups(step, part.start, part.stop, roots, flags, work)
             return work.counts
 

@@ -26,6 +26,7 @@ from glpath.radiosity.solvers.particles import (
 from glpath.sampling.points import uniform_sphere
 from glpath.scene import Scene
 from glpath.scene.model import Camera, Float64
+from glpath.system.threads import worker_threads
 from glpath.system.time_limit import check_time
 
 #: Target number of cells in which particles of reflected light start, if importance distributes them over cells.
@@ -99,12 +100,16 @@ def _from_camera(
     flux = np.zeros((2, 2, len(cells), 3))
     none = np.zeros(BATCH, np.int64)
     arrivals = Arrivals(flux, np.zeros((2, 0)), np.zeros((2, 0, BINS)) if came is None else came)
-    for i in range(batches):
-        check_time("finding what the camera sees")
-        random = np.random.default_rng([seed, i, 0])
-        origin, direction = _camera_rays(camera, random.random((BATCH, 2)), in_view)
-        starts = Starts(origin, np.ones((BATCH, 3)), none - 1, none, direction)
-        shoot_batch(1 << 40 | i, seed, surfaces, lamps, starts, max_reflections, arrivals, np.empty((4, 3)))
+    doing, work = "finding what the camera sees", np.empty((4, 3))
+    with worker_threads(rays.stop, doing=doing) as pool:
+        for i in range(batches):
+            check_time(doing)
+            random = np.random.default_rng([seed, i, 0])
+            origin, direction = _camera_rays(camera, random.random((BATCH, 2)), in_view)
+            starts = Starts(origin, np.ones((BATCH, 3)), none - 1, none, direction)
+            pool.submit(
+                shoot_batch, 1 << 40 | i, seed, surfaces, lamps, starts, max_reflections, arrivals, work
+            ).result()
     return np.asarray(flux[INDIRECT])
 
 

@@ -18,7 +18,6 @@ Poor at:  smooth images of fine meshes; an element with a hundred hits has an er
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -53,6 +52,7 @@ from glpath.radiosity.solvers.particles import (
 )
 from glpath.scene.model import Float64
 from glpath.system.machine import core_count
+from glpath.system.threads import Stop, worker_threads
 from glpath.system.time_limit import check_time
 
 #: Number of rays to the sky from the start of a particle.
@@ -380,7 +380,9 @@ class Shooting:
             of = np.repeat(triangle, each)
             chosen = None if choice is None else Chosen(choice, np.repeat(back * len(cells) + cell, each))
             check_time(_STARTING)
-            irradiance, bins = self._light.estimate_in_bins(points, normals, of, random, rays, chosen)
+            with worker_threads(*self._light.stops, doing=_STARTING) as pool:
+                task = pool.submit(self._light.estimate_in_bins, points, normals, of, random, rays, chosen)
+                irradiance, bins = task.result()
             lit[back, cell] = irradiance.reshape(-1, each).mean(axis=1)
             from_sky[back, cell] = bins.reshape(-1, each, BINS).mean(axis=1)
         # A few rays can miss a window, a lamp or a path to the camera. Without a floor, such a start would have a
@@ -421,7 +423,7 @@ class Shooting:
         """Shoot more batches in threads. Results are added in order, so that sums are reproducible."""
         first = self.particles // BATCH
         threads = core_count()
-        with ThreadPoolExecutor(threads) as pool:
+        with worker_threads(*self._stops) as pool:
             for start in range(first, first + batches, threads):
                 numbers = range(start, min(start + threads, first + batches))
                 for arrivals, hits in pool.map(self._batch, numbers):
@@ -429,6 +431,10 @@ class Shooting:
                     # before this block is left.
                     pool.submit(self._add, arrivals, hits).result()
                 on_batch()
+
+    @property
+    def _stops(self) -> tuple[Stop, ...]:
+        return self._surfaces.rays.stop, *self._light.stops
 
     def _add(self, arrivals: Arrivals, hits: int) -> None:
         """Add a batch to the sums."""
