@@ -197,7 +197,7 @@ def _number(cell: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def save_csv(path: Path, at: Points, found: Irradiance) -> None:
+def save_csv(path: str | Path, at: Points, found: Irradiance) -> None:
     """Write one line per point: position, normal, irradiance and illuminance with their standard errors.
 
     Irradiance has the unit of the scene, which the column titles name.
@@ -220,10 +220,10 @@ def save_csv(path: Path, at: Points, found: Irradiance) -> None:
         [f"{value:.{n}g}" for value, n in zip(row, digits, strict=True)]
         for row in zip(*columns.values(), strict=True)
     )
-    write_bytes(text.getvalue().encode(), path)
+    write_bytes(text.getvalue().encode(), Path(path))
 
 
-def save_npz(path: Path, at: Points, found: Irradiance) -> None:
+def save_npz(path: str | Path, at: Points, found: Irradiance) -> None:
     """Write arrays: (N, 3) points, normals, irradiance, standard_errors, and (N,) illuminance, illuminance_errors.
 
     The array `unit` holds the unit of irradiance, "W m^-2" or "lx". For a grid of points, arrays have the shape
