@@ -23,9 +23,14 @@ def main() -> None:
         from glpath.cli.main import run_and_end
 
         run_and_end()
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, RuntimeError) as stop:
         try:
             import select
+
+            from glpath.system.signals import is_interruption
+
+            if not is_interruption(stop):
+                raise stop
 
             if os.name == "nt" or select.select([], [2], [], 1.0)[1]:  # a write to a full pipe would block
                 os.write(2, b"Interrupted.\n")

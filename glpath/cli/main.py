@@ -41,6 +41,7 @@ from glpath.cli.typed import as_typed, remember_words, typed_words
 from glpath.errors import GlpathError, SceneWarning, UsageError, shortened, warning_scope
 from glpath.system.files import missing_current_folder, recorded_inputs
 from glpath.system.log import compilations
+from glpath.system.signals import is_interruption
 from glpath.system.terminal import CleanHandler, has_no_reader, report_stream, say
 from glpath.system.time_limit import command_clock
 
@@ -107,7 +108,9 @@ class Commands(TyperGroup):
                 reason = f": {error}" if str(error) else ""
                 say(f"glpath: error: there is not enough memory{shortened(reason)}.\n  {_LESS}", err=True)
                 raise typer.Exit(FAILED) from error
-            except KeyboardInterrupt as stop:
+            except (KeyboardInterrupt, Exception) as stop:
+                if isinstance(stop, typer.Exit | typer.Abort) or not (arrived() and is_interruption(stop)):
+                    raise
                 say("glpath: interrupted", err=True)
                 raise typer.Exit(exit_code()) from stop
 

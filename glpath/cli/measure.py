@@ -333,6 +333,9 @@ def _summary(found: Irradiance, measured: Measured) -> Iterator[str]:
         yield f"  {figures(spread, unit=measured.unit)}"
     elif not lit.any():
         yield "  no light comes to any of the points: they are inside of solids, or in a closed room without a lamp"
+    below = np.count_nonzero(lux < 0)
+    if below:
+        yield f"  {below:,} {'point is' if below == 1 else 'points are'} below 0, which is noise: take more --spp"
     if found.film.path_sets >= 16:
         yield f"  standard error of a point: {float((error**2).mean() ** 0.5):.2g} {measured.unit}"
     yield from bias_lines(found.film)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import io
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 from functools import cached_property
@@ -60,8 +61,13 @@ _MIN_NOISE = -20.0
 # Maximum difference between global irradiance and that of sun plus sky, summed over the year, as a fraction of the
 # global irradiance. Above it a warning is printed.
 _CLOSURE = 0.15
-# Minimum and maximum altitude of a site, metres above the sea; others are errors.
-_ALTITUDES = -1000, 10000
+# Minimum, maximum and unit of the numbers of a site; others are errors. The altitude is above the sea.
+_LIMITS = {
+    "latitude": (-90, 90, ""),
+    "longitude": (-180, 180, ""),
+    "time zone": (-14, 14, ""),
+    "altitude": (-1000, 10000, " m"),
+}
 # Maximum difference between the longitude and 15 times the time zone, degrees. Above it a warning is printed.
 _ZONE = 45.0
 
@@ -193,7 +199,7 @@ def _is_utf8(raw: bytes) -> bool:
 def _epw(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
     if not text.startswith("LOCATION"):
         raise SceneError(f'{path}: begins with "{text[:20]!s}", but an EPW file begins with LOCATION.')
-    _check_head(text, path, 6)
+    _check_head(text, path, 6, ("latitude", "longitude", "time zone", "altitude"))
     plain, lines, periods = _plain_epw(text, path)
     table, site = _parsed("read_epw", plain, path)
     begin = _without_zone(table)
@@ -282,7 +288,7 @@ def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
             f"{path}: has no column Date (MM/DD/YYYY) in its second line, which a TMY3 file has.",
             "Other tables are not read; EnergyPlus weather has the suffix .epw.",
         )
-    _check_head(text, path, 3)
+    _check_head(text, path, 3, ("time zone", "latitude", "longitude", "altitude"))
     table, site = _parsed("read_tmy3", text, path, map_variables=True)
     # TMY3 times are the ends of the hours, and TMY3 files omit 29 February. In a leap year, the hour that ends at
     # 0:00 on 1 March would begin on 29 February. It is moved to 28 February.
@@ -295,23 +301,28 @@ def _tmy3(text: str, path: Path) -> tuple[Any, dict[str, Any], Times]:
     return _with_lines(table, lines), {**site, "name": site.get("Name", "")}, begin
 
 
-def _check_head(text: str, path: Path, first: int) -> None:
-    """Raise SceneError unless line 1 has numbers for latitude, longitude, time zone and altitude.
+def _check_head(text: str, path: Path, first: int, names: Sequence[str]) -> None:
+    """Raise SceneError unless line 1 has numbers for latitude, longitude, time zone and altitude, within limits.
 
-    first : index of the word that holds the latitude
+    first : index of the word that holds the first of them
+    names : their names, in the order of the file
     """
     remedy = "The line has the latitude, the longitude, the time zone and the altitude."
     words = text.splitlines()[0].split(",")
     if len(words) < first + 4:
         raise SceneError(f"{path}: has {len(words)} fields in line 1 where {first + 4} or more are needed.", remedy)
-    for word in words[first : first + 4]:
+    for name, word in zip(names, words[first : first + 4], strict=True):
         try:
-            if not math.isfinite(real(word)):
+            value = real(word)
+            if not math.isfinite(value):
                 raise ValueError
         except ValueError:
             raise SceneError(
                 f"{path}: has {shown(word.strip())} in line 1, which is not a finite number.", remedy
             ) from None
+        low, high, unit = _LIMITS[name]
+        if not low <= value <= high:
+            raise SceneError(f"{path}: has the {name} {value:g}, but allowed is from {low} to {high}{unit}.")
 
 
 def _parsed(reader: str, text: str, path: Path, **how: Any) -> tuple[Any, dict[str, Any]]:
@@ -349,12 +360,6 @@ def _checked(table: Any, site: dict[str, Any], begin: Times, source: str) -> Wea
     if np.isnat(begin).any():
         raise SceneError(f"{source}: has no date in line {table['line'].iloc[int(np.argmax(np.isnat(begin)))]}.")
     latitude, longitude, zone = site["latitude"], site["longitude"], site["TZ"]
-    for name, value, limit in (("latitude", latitude, 90), ("longitude", longitude, 180), ("time zone", zone, 14)):
-        if not abs(value) <= limit:
-            raise SceneError(f"{source}: has the {name} {value:g}, but allowed is from -{limit} to {limit}.")
-    low, high = _ALTITUDES
-    if not low <= site["altitude"] <= high:
-        raise SceneError(f"{source}: has the altitude {site['altitude']:g}, but allowed is from {low} to {high} m.")
     if not len(begin):
         raise SceneError(f"{source}: has no hour.")
     times = _of_one_year(begin)

@@ -31,6 +31,8 @@ from pathlib import Path
 from glpath.errors import GlpathError, ImageError, SceneError
 from glpath.system.time_limit import has_limit, named_work, overdue, without_limit, without_limit_if_resumed
 
+# Delay of the end by another thread after `check_time`, which names the work more exactly, seconds.
+_LATER = 0.25
 #: Processor time for reading: seconds, and seconds per byte of the files.
 SECONDS = 5.0
 _SECONDS_PER_BYTE = 1e-5  # the slowest readers, of TOML and XML, take 2.5 us
@@ -70,7 +72,7 @@ class _Bounds:
         self.error: GlpathError | None = None
         self._files: set[tuple[int, int]] = set()
         self._thread = threading.get_ident()
-        self._overdue = overdue(f"reading {name}")
+        self._overdue = overdue(f"reading {name}", later=_LATER)
         self._clock = _clock_of_this_thread()
         self.own_data = own_data
         trusted = own_data or os.environ.get("GLPATH_TRUST_FILES", "") == "1"

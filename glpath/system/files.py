@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import io
 import math
 import os
 import re
@@ -131,10 +132,7 @@ def replacing_links() -> Iterator[None]:
 
 @contextmanager
 def without_waiting() -> Iterator[None]:
-    """Context in which writing to a pipe fails if nobody reads the pipe, or too slowly, instead of waiting.
-
-    Standard output is an exception.
-    """
+    """Context in which writing to a pipe fails if nobody reads the pipe, or too slowly, instead of waiting."""
     token = _WITHOUT_WAITING.set(True)
     try:
         yield
@@ -529,20 +527,18 @@ class _Patience:
 
 def _descriptor_to_wait_for(stream: BinaryIO) -> int | None:
     """Return the descriptor of a stream if the system can wait for its reader; otherwise None."""
-    if not hasattr(select, "poll"):
-        return None
-    try:
-        descriptor = stream.fileno()
-    except (OSError, AttributeError, ValueError):  # a stream in memory
+    # Other objects, such as compressed files, may have the descriptor of a file that they write to.
+    if not hasattr(select, "poll") or not isinstance(getattr(stream, "raw", stream), io.FileIO):
         return None
     stream.flush()  # what was printed before
-    return descriptor
+    return stream.fileno()
 
 
 def _opened(path: str | Path) -> AbstractContextManager[BinaryIO]:
     if str(path) == STDOUT:
         return nullcontext(_standard_output())
-    return open(path, "wb", buffering=0, opener=_open_for_reader)
+    # Without a buffer where `poll` is used; elsewhere only a buffered file writes all bytes.
+    return open(path, "wb", buffering=0 if hasattr(select, "poll") else -1, opener=_open_for_reader)
 
 
 def _open_for_reader(path: str, flags: int) -> int:
@@ -550,9 +546,11 @@ def _open_for_reader(path: str, flags: int) -> int:
     patience = _Patience()
     while True:
         try:
-            return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
+            # Without O_CREAT, because a pipe that was removed meanwhile must not become a file.
+            return os.open(path, (flags & ~(os.O_CREAT | os.O_TRUNC)) | getattr(os, "O_NONBLOCK", 0))
         except OSError as error:
-            if error.errno != errno.ENXIO:  # the error of a pipe without a reader
+            # ENXIO is the error of a pipe without a reader, and of a device without a driver.
+            if error.errno != errno.ENXIO or not stat.S_ISFIFO(os.stat(path).st_mode):
                 raise
         patience.check()
         time.sleep(_LOOK_S)

@@ -21,6 +21,16 @@ REPEATED = _existing("SIGHUP", "SIGXCPU")
 TERMINATING_TEXT = ", ".join(number.name for number in TERMINATING)
 
 
+def is_interruption(error: BaseException | None) -> bool:
+    """Return True for a KeyboardInterrupt, and for an exception that was raised from one or while handling one.
+
+    Python itself raises RuntimeError from whatever leaves `__set_name__`, as while a module is imported.
+    """
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
 class SignalRecord:
     """First signal of a command, whichever code handles it.
 

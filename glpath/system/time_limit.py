@@ -33,8 +33,6 @@ from glpath.system.arguments import short_repr
 GRACE = 1.0
 #: Fraction of the remaining time that `part_of_time` grants.
 PART = 0.5
-# Delay of `overdue` after `check_time`, seconds.
-_LATER = 0.25
 # Maximum difference between the age of this process and its processor time, seconds. If the difference is larger,
 # a shell waited before it became this program by exec, because exec keeps the start time of the process.
 _MAX_IDLE = 2.0
@@ -249,13 +247,13 @@ def has_limit() -> bool:
     return seconds_left() < math.inf
 
 
-def overdue(doing: str) -> Callable[[], TimeLimitError | None]:
+def overdue(doing: str | None = None, later: float = 0.0) -> Callable[[], TimeLimitError | None]:
     """Return a function that another thread can call. It returns the error of `check_time`, or None before that.
 
-    It returns the error only `_LATER` after `check_time` would raise it, because that names the work more exactly.
+    later : seconds by which the error comes later than that of `check_time`
     """
-    limit = _limit.get()
-    return lambda: None if limit is None else _error(limit, doing, later=_LATER)
+    limit, work = _limit.get(), doing or _work.get()
+    return lambda: None if limit is None or work is None else _error(limit, work, later=later)
 
 
 def check_time(doing: str | None = None, estimate: float = 0.0) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import gzip
+import io
 import os
 import resource
 import shutil
@@ -13,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import imageio.v3 as iio
 import numpy as np
@@ -32,6 +36,7 @@ from glpath.rendering.interrupts import interrupt_as_flag
 from glpath.system import files, outputs
 from glpath.system.signals import SignalRecord
 from tests.conftest import MakeFilm
+from tests.support.time_limit import time_limit
 
 FULL = Path("/dev/full")
 
@@ -356,6 +361,7 @@ def test_the_checkpoint_of_a_solution_is_no_output(tmp_path: Path) -> None:
 LIMITED = """
 import sys
 from pathlib import Path
+from typing import Any
 import numpy as np
 from glpath.errors import ImageError
 from glpath.film.film import Film
@@ -508,6 +514,7 @@ def test_a_signal_between_a_real_render_and_its_saving_waits(tmp_path: Path) -> 
 SOLVER = """
 import os, signal, sys
 from pathlib import Path
+from typing import Any
 from glpath.cli.main import run
 from glpath.radiosity import solution, solvers
 
@@ -659,6 +666,42 @@ def test_a_signal_ends_the_wait_for_a_reader_of_a_pipe(
     assert record.first == signal.SIGTERM
     if reader is not None:
         os.close(reader)
+
+
+def test_a_device_without_a_driver_is_an_error(make_film: MakeFilm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """/dev/tty is such a device for a process without a terminal."""
+
+    def refuse(path: str, *arguments: Any, **named: Any) -> int:
+        if path == "/dev/null":
+            raise OSError(errno.ENXIO, "No such device or address")
+        return real_open(path, *arguments, **named)
+
+    real_open = os.open
+    monkeypatch.setattr(os, "open", refuse)
+    with time_limit(5), pytest.raises(ImageError, match="/dev/null: cannot be written: No such device or address"):
+        make_film([(0, 8)]).save("/dev/null")
+
+
+def test_a_pipe_that_is_removed_does_not_become_a_file(make_film: MakeFilm, tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    os.mkfifo(path)
+    later = threading.Timer(0.1, path.unlink)
+    later.start()
+    with time_limit(5), pytest.raises(ImageError, match=r"a.exr: cannot be written: No such file or directory"):
+        make_film([(0, 8)]).save(path)
+    assert not path.exists()
+
+
+def test_standard_output_may_be_compressed(
+    make_film: MakeFilm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    film = make_film([(0, 8)])
+    film.save(tmp_path / "a.png")
+    with gzip.open(tmp_path / "b.png.gz", "wb") as compressed:
+        monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(compressed))  # type: ignore[arg-type]
+        film.save("-")
+        monkeypatch.undo()
+    assert gzip.decompress((tmp_path / "b.png.gz").read_bytes()) == (tmp_path / "a.png").read_bytes()
 
 
 def test_a_slow_reader_gets_everything_after_a_signal(

@@ -503,3 +503,30 @@ def test_scheduler_is_not_told_to_resume_what_could_not_be_kept(
     assert done.exit_code == 1, done.stderr
     assert "glpath: error: F: cannot be written: the disk is full.\n  It is kept in T." in done.stderr
     assert "no row" not in done.stderr
+
+
+class Signalling:
+    """Descriptor that sends a signal while the class that has it is made, as an import may be interrupted."""
+
+    def __init__(self, number: signal.Signals) -> None:
+        self.number = number
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        signal.raise_signal(self.number)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("resume", [False, True])
+def test_signal_that_python_turns_into_another_error_interrupts(
+    number: signal.Signals, resume: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python 3.11 raises RuntimeError from what leaves `__set_name__`."""
+
+    def read(*_: object) -> object:
+        return type("Imported", (), {"field": Signalling(number)})
+
+    monkeypatch.setattr("glpath.cli.scene.read_scene", read)
+    done = run("render", "furnace", "-o", tmp_path / "a.png", *["--resume"] * resume)
+    assert done.exit_code == (75 if resume and number == signal.SIGTERM else 130), done.output
+    assert "Traceback" not in done.output
+    assert "glpath: interrupted" in done.stderr

@@ -169,6 +169,12 @@ def test_weather_of_elsewhere_is_reported(epw: Path, tmp_path: Path, head: dict[
     assert any(re.search(message, str(each.message)) for each in warned), [str(each.message) for each in warned]
 
 
+@pytest.mark.parametrize(("name", "value"), [("zone", "99999"), ("latitude", "91"), ("longitude", "-181")])
+def test_sites_beyond_the_earth_are_refused(epw: Path, tmp_path: Path, name: str, value: str) -> None:
+    with pytest.raises(SceneError, match=f"moved.epw: has the [a-z ]*{name} {value}, but allowed is from"):
+        read_weather(changed(epw, tmp_path / "moved.epw", same, **{name: value}))
+
+
 def test_marks_of_missing_irradiance_are_those_of_both_formats() -> None:
     """EPW has 9999, and TMY3 -9900."""
     pandas = pytest.importorskip("pandas")

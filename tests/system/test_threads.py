@@ -67,6 +67,22 @@ def test_work_in_python_that_a_time_limit_stopped_is_a_time_limit_error(
         pool.submit(work).result()
 
 
+def test_work_does_not_begin_after_the_time_limit(stop: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glpath.system.time_limit.GRACE", 0.0)
+    with limited(0.001):
+        time.sleep(0.01)
+        with pytest.raises(glpath.TimeLimitError), worker_threads(stop, doing="casting rays"):
+            pytest.fail("the block was entered")
+
+
+def test_a_wait_that_ends_too_early_does_not_stop_work(stop: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("glpath.system.time_limit.GRACE", 0.0)
+    monkeypatch.setattr("glpath.system.threads.seconds_to_error", lambda doing: 0.0)
+    with limited(60.0), worker_threads(stop, doing="casting rays") as pool:
+        pool.submit(time.sleep, 0.05).result()
+        assert stop[0] == 0
+
+
 def test_work_without_a_name_has_no_time_limit(stop: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("glpath.system.time_limit.GRACE", 0.0)
     threads = threading.active_count()

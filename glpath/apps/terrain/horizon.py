@@ -265,8 +265,8 @@ class Horizon:
                 raise UsageError(f"suns: {what}[{first}] is {each[first]}, where a finite number is needed.")
         if (np.abs(up) > 90).any() or (np.abs(around) > 360).any():
             raise UsageError("suns: azimuths are -360 to 360 degrees, altitudes -90 to 90.", "Are they in radians?")
-        if (weights < 0).any():
-            raise UsageError(f"suns: {name} must not be negative.")
+        if (weights < 0).any() or (weights > LARGEST).any():
+            raise UsageError(f"suns: {name} must be from 0 to {LARGEST:g}.")
         kept = (up > 0) & (weights > 0)
         around, up, weights = np.radians(around[kept] % 360.0), np.radians(up[kept]), weights[kept]
         order = np.lexsort((-up, around))

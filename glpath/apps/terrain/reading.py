@@ -7,7 +7,7 @@ import math
 import os
 import re
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glpath.apps.terrain.height_field import HeightField
 from glpath.errors import GlpathError, SceneError, warn, warning_filter
-from glpath.system.arguments import checked
+from glpath.system.arguments import check_array, checked
 from glpath.system.bounded_reading import reading_file, without_bounds
 from glpath.system.files import absence_of, absolute_path, check_file, open_file, read_bytes, reading, reason_of
 from glpath.system.npz import check_unfolded, open_npz, read_npy
@@ -442,11 +442,14 @@ def _height_unit(path: Path, raster: Any) -> float:
 
 
 @checked
-def load_point_cloud(path: str | Path, classes: tuple[int, ...] = ()) -> Float64:
+def load_point_cloud(path: str | Path, classes: Sequence[int] | NDArray[np.integer[Any]] = ()) -> Float64:
     """Return points (N, 3) of a LAS or LAZ file, in its units; needs the extra `terrain`.
 
-    classes : ASPRS classes to read, such as 2 for ground and 6 for buildings; () for all. Raises SceneError.
+    classes : ASPRS classes to read, 0 to 255, such as 2 for ground and 6 for buildings; () for all
+
+    Raises SceneError and UsageError.
     """
+    wanted = check_array("classes", classes, (None,), (0, 255), whole=True) if np.size(classes) else ()
     laspy = package_for("laspy", "this file is read")
     path = Path(path)
     with reading_file(path.name), _readable(path):
@@ -463,12 +466,12 @@ def load_point_cloud(path: str | Path, classes: tuple[int, ...] = ()) -> Float64
         points = np.stack([np.asarray(cloud[axis], np.float64) for axis in ("x", "y", "z")], axis=1)
     if not (np.abs(points) <= LARGEST).all():
         raise SceneError(f"{path}: has a point that is not finite, or beyond {LARGEST:g}.")
-    if classes:
+    if len(wanted):
         found = np.asarray(cloud.classification)
-        points = points[np.isin(found, classes)]
+        points = points[np.isin(found, wanted)]
         if not len(points):
             there = ", ".join(map(str, np.unique(found).tolist()))
-            raise SceneError(f"{path}: has no point of the classes {classes}; it has {there}.")
+            raise SceneError(f"{path}: has no point of the classes {', '.join(map(str, wanted))}; it has {there}.")
     if not len(points):
         raise SceneError(f"{path}: has no point.")
     return points

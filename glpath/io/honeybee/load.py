@@ -238,9 +238,10 @@ class _Reader:
             crossed = triangulated(boundary)[2] if holes else missing
         area = 0.5 * float(np.linalg.norm(polygon_normal(boundary)))
         if abs(missing) > _MISSING * area or abs(crossed) > _MISSING * area:
+            fault = f"{len(holes)} holes, apertures and doors that overlap each other or its edges"
             raise self.location.error(
-                f'"{name}" has {len(holes)} holes, apertures and doors that overlap each other or its edges, by an '
-                f"area of {max(abs(missing), abs(crossed)):.3g}.",
+                f'"{name}" has {fault if holes else "a boundary that crosses itself"}, by an area of '
+                f"{max(abs(missing), abs(crossed)):.3g}.",
                 "Check the model by honeybee: model.check_all().",
             )
         return Mesh(vertices, faces) if len(faces) else None

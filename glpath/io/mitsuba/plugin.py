@@ -381,10 +381,10 @@ def _numbers(element: Element, attribute: str, counts: Sequence[int]) -> list[fl
 
 def _checked(value: float, element: Element, low: float, high: float) -> float:
     if not low <= value <= high:
-        below = f" and {high:g}" if high < LARGEST else ""
-        raise element.location.error(
-            f"is {value:g}, but must be {f'between {low:g}{below}' if below else f'at least {low:g}'}."
-        )
+        allowed = f"at most {high:g}" if value > high else f"at least {low:g}"
+        if high < LARGEST:
+            allowed = f"between {low:g} and {high:g}"
+        raise element.location.error(f"is {value:g}, but must be {allowed}.")
     return value
 
 

@@ -249,10 +249,12 @@ class Reader:
                 if not np.linalg.norm(end - start) > 0:
                     raise plugin.location.error("has p0 and p1 at one point.", "Move one of them.")
                 key = (plugin.kind, *start, *end, radius)
-                self._meshes.setdefault(key, meshes.cylinder(start, end, radius))
+                if key not in self._meshes:
+                    self._meshes[key] = meshes.cylinder(start, end, radius)
             else:
                 key = (plugin.kind,)
-                self._meshes.setdefault(key, _MADE[plugin.kind]())
+                if key not in self._meshes:
+                    self._meshes[key] = _MADE[plugin.kind]()
         return self._meshes[key]
 
     def _emitter(self, plugin: Plugin) -> Plugin | None:

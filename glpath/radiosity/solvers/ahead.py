@@ -30,9 +30,15 @@ LARGEST = ("cast_groups", "shaft_list")
 _WORTH_A_PROCESS = 3
 
 # The module path is passed on, because a file beside the user's script could otherwise shadow a module.
+# The process ends with its parent, because nobody expects work after the end of a command.
 _CODE = """
-import sys
-names, *sys.path = sys.argv[1:]
+import os, sys, threading, time
+parent, names, *sys.path = sys.argv[1:]
+def watch():
+    while os.getppid() == int(parent):
+        time.sleep(0.5)
+    os._exit(0)
+threading.Thread(target=watch, daemon=True).start()
 from glpath.system import kernels
 kernels.only = frozenset(names.split())
 from glpath.radiosity.solvers import smallest
@@ -51,7 +57,7 @@ def compile_ahead(needed: Sequence[Any]) -> None:
     for i in range(len(LARGEST)):
         with suppress(OSError, RuntimeError):  # no program can be started, or too many processes or threads
             process = subprocess.Popen(
-                [os.fsdecode(get_executable()), "-c", _CODE, " ".join(LARGEST[i:]), *sys.path],
+                [os.fsdecode(get_executable()), "-c", _CODE, str(os.getpid()), " ".join(LARGEST[i:]), *sys.path],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,

@@ -423,7 +423,8 @@ class Shooting:
         """Shoot more batches in threads. Results are added in order, so that sums are reproducible."""
         first = self.particles // BATCH
         threads = core_count()
-        with worker_threads(*self._stops) as pool:
+        # A step of particles is not cut short, because its sums would be wrong.
+        with worker_threads(*self._stops, timed=False) as pool:
             for start in range(first, first + batches, threads):
                 numbers = range(start, min(start + threads, first + batches))
                 for arrivals, hits in pool.map(self._batch, numbers):

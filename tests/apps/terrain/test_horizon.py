@@ -240,7 +240,8 @@ def test_what_is_wrong_with_receivers_is_reported(options: dict[str, Any], words
         (([1.0], [1.0, 2.0]), r"azimuth of shape \(1,\), altitude \(2,\)"),
         (([math.nan], [1.0]), r"azimuth\[0\] is nan"),
         (([10.0], [100.0]), "Are they in radians"),
-        (([10.0], [10.0], [-1.0]), "hours must not be negative"),
+        (([10.0], [10.0], [-1.0]), r"hours must be from 0 to 1e\+15"),
+        (([10.0], [10.0], [1e16]), r"hours must be from 0 to 1e\+15"),
     ],
 )
 def test_what_is_wrong_with_suns_is_reported(suns: Any, words: str) -> None:

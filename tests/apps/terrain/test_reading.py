@@ -319,7 +319,11 @@ def test_point_clouds(tmp_path: Path, suffix: str) -> None:
     cloud.classification = [2, 6, 6]
     cloud.write(tmp_path / f"a.{suffix}")
     np.testing.assert_allclose(load_point_cloud(tmp_path / f"a.{suffix}")[2], [3, -1.5, 7.25])
-    assert len(load_point_cloud(tmp_path / f"a.{suffix}", (6,))) == 2
+    for classes in ((6,), np.array([6, 7]), [6]):
+        assert len(load_point_cloud(tmp_path / f"a.{suffix}", classes)) == 2
+    for wrong in (np.zeros((1, 3)), "6", [2.5], [256], None):
+        with pytest.raises(glpath.UsageError, match="classes"):
+            load_point_cloud(tmp_path / f"a.{suffix}", wrong)  # type: ignore[arg-type]
     with pytest.raises(glpath.SceneError, match="no point of the classes"):
         load_point_cloud(tmp_path / f"a.{suffix}", (9,))
 
