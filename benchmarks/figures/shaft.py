@@ -31,7 +31,7 @@ from benchmarks.figures.style import drawings
 from benchmarks.verdict import Condition
 from glpath.accel.nodes import Bvh
 from glpath.film.charts import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
-from glpath.notebook.polyhedron import box_corners, box_planes, faces, shaft_planes
+from glpath.notebook.shaft_scene import box_corners, box_planes, faces, shaft_planes
 from glpath.radiosity import Containment, Shaft, Strategy, candidate_list
 from glpath.radiosity.shafts.shaft import FACES
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glpath.film.charts import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE
-from glpath.notebook.polyhedron import box_corners, box_planes, faces, shaft_planes
+from glpath.notebook.shaft_scene import box_corners, box_planes, faces, shaft_planes
 from glpath.radiosity import Shaft
 
 Float64 = NDArray[np.float64]

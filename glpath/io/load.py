@@ -30,7 +30,7 @@ from glpath.io.convert import convert
 from glpath.io.description import AnyLight, AnyMaterial, AnyShape, SceneFile, Sky
 from glpath.io.description.camera import AnyCamera, Film
 from glpath.io.meshes import MESH_KEYS, mesh_of_table
-from glpath.io.other_names import meant_by
+from glpath.io.other_files import meant_by
 from glpath.io.streams import Chunks
 from glpath.io.up_axis import Up
 from glpath.io.values import CHECK_PERMISSIONS, LARGEST

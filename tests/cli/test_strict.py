@@ -19,7 +19,7 @@ import pytest
 import typer.main
 
 import glpath
-from glpath.apps.measure.models import save_glb
+from glpath.apps.measure.files import save_glb
 from glpath.cli.commands import COMMANDS
 from glpath.cli.main import app
 from glpath.errors import (
@@ -210,8 +210,8 @@ def test_transparent_picture_is_written_whatever_its_format_leaves_out(suffix: s
 def test_strict_keeps_a_model_of_points_that_its_format_knows_in_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("glpath.apps.measure.models.write_gltf", lambda *_, **__: ["odd"])
-    monkeypatch.setattr("glpath.apps.measure.models._facets", lambda _: None)
+    monkeypatch.setattr("glpath.apps.measure.files.write_gltf", lambda *_, **__: ["odd"])
+    monkeypatch.setattr("glpath.apps.measure.files._facets", lambda _: None)
     with pytest.warns(SceneWarning, match="odd"), warning_scope(strict=True) as scope:
         save_glb(tmp_path / "a.glb", SimpleNamespace(scene=None))  # type: ignore[arg-type]
     assert scope.late == [f"{tmp_path / 'a.glb'}: odd."]

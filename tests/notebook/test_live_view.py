@@ -23,7 +23,7 @@ import pytest
 from PIL import Image
 
 import glpath
-from glpath.notebook.orbit import nearer, turned
+from glpath.notebook.view import nearer, turned
 from tests.support import browser
 from tests.support.repository import ROOT
 

@@ -24,8 +24,8 @@ from glpath.film.film import Film
 from glpath.gl.context import open_context
 from glpath.notebook import View, explore_shafts, view
 from glpath.notebook.live import LiveImage
-from glpath.notebook.orbit import nearer, shifted, turned
 from glpath.notebook.shaft_scene import ShaftScene
+from glpath.notebook.view import nearer, shifted, turned
 from glpath.radiosity import Strategy
 from glpath.rendering.job import describe
 from glpath.rendering.progress import Progress, reporting

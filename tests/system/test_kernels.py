@@ -19,9 +19,9 @@ import pytest
 from glpath.errors import TimeLimitError
 from glpath.io import load_scene
 from glpath.lights.lighting import Lighting
-from glpath.radiosity.solvers import ahead, needed
+from glpath.radiosity.solvers import ahead
+from glpath.radiosity.solvers.ahead import kernels_of
 from glpath.radiosity.solvers.checks import METHODS
-from glpath.radiosity.solvers.needed import kernels_of
 from glpath.scene import path_traceable
 from glpath.system import kernel_cache, kernels
 from glpath.system.kernel_cache import _FOLDER as FOLDER
@@ -549,7 +549,7 @@ def test_boxes_lamps_and_skies_need_kernels_of_their_own(monkeypatch: pytest.Mon
         found = kernels_of(traced, Lighting.of(traced), "monte-carlo", near_lamps)
         return {k.__name__ for k in found} - {"_parallelograms", "_build", "shoot_batch"}
 
-    monkeypatch.setattr(needed, "waiting", list)
+    monkeypatch.setattr(ahead, "waiting", list)
     assert names("cornell-box", near_lamps=True) == {"_closest"}
     assert names("cornell-box-36", near_lamps=True) == {"_closest", "_in_the_open"}
     assert names("cornell-box-36", near_lamps=False) == {"_in_the_open"}

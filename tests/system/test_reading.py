@@ -143,7 +143,7 @@ def test_program_writes_to_its_standard_output_during_exr_files(
 
 
 def test_lines_of_others_are_kept_meanwhile(capfd: pytest.CaptureFixture[str]) -> None:
-    from glpath.system.c_output import without_lines
+    from glpath.film.exr import without_lines
 
     with without_lines("of a library"):
         os.write(1, b"of a library: oh\n")

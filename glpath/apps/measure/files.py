@@ -6,9 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from glpath.apps.measure.figures import figures
+from glpath.apps.measure.measured import Measured
 from glpath.apps.measure.tables import save_csv, save_npz
-from glpath.errors import ImageError
+from glpath.errors import ImageError, warn
 from glpath.film.image import encode_png
+from glpath.io.export.false_colours import Facets, cells
+from glpath.io.export.gltf import write_gltf
+from glpath.io.vtk import points_with_values
 from glpath.system.files import is_stream, write_bytes
 
 if TYPE_CHECKING:
@@ -39,12 +43,8 @@ def save(path: Path, measured: Measured) -> None:
         case ".png":
             _save_picture(path, measured)
         case ".glb":
-            from glpath.apps.measure.models import save_glb
-
             save_glb(path, measured)
         case ".vtp":
-            from glpath.apps.measure.models import save_vtp
-
             save_vtp(path, measured)
         case _:
             save_csv(path, measured.at, measured.found)
@@ -62,3 +62,34 @@ def _save_picture(path: Path, measured: Measured) -> None:
         f"{inside}{figures(measured.spread, 3, measured.unit)}.",
     )
     write_bytes(encode_png(page), path)
+
+
+def save_vtp(path: Path, measured: Measured) -> None:
+    """Write the cells of a grid, or points alone, with illuminance and irradiance, as .vtp. Raises ImageError."""
+    found = measured.found
+    data = {
+        "illuminance": found.illuminance(),
+        "illuminance_error": found.illuminance_errors(),
+        "irradiance": found.values,
+        "irradiance_error": found.standard_errors,
+    }
+    if measured.at.grid is None:
+        points_with_values(measured.at.points, data).save(path)
+    else:
+        _facets(measured).to_vtk(data).save(path)
+
+
+def save_glb(path: Path, measured: Measured) -> None:
+    """Write the scene with the cells of a grid in false colours, as .glb. Raises ImageError and SceneError.
+
+    Warns of scene features that glTF lacks.
+    """
+    for note in write_gltf(measured.scene, path, facets=_facets(measured)):
+        warn(f"{path}: {note}.", late=True)
+
+
+def _facets(measured: Measured) -> Facets:
+    grid = measured.at.grid
+    assert grid is not None, "asked for before"
+    corners = cells(grid.extent, grid.shape, (*grid.across, grid.axis), grid.height)
+    return Facets(corners, measured.quantity.lower(), measured.values, measured.unit)

@@ -25,11 +25,11 @@ from numpy.typing import ArrayLike, NDArray
 from glpath.apps.terrain.height_field import HeightField
 from glpath.apps.terrain.pyramid import add_suns, pyramid_of, tangents_at
 from glpath.apps.terrain.reading import AnyField, load_height_field
-from glpath.apps.terrain.sky_kernels import add_sky
 from glpath.apps.terrain.sweep import horizon_tangents, lattice_directions
 from glpath.errors import UsageError, warn
 from glpath.system.arguments import check_array, checked, checked_fields, real_array, short_repr
 from glpath.system.frames import data_set
+from glpath.system.kernels import kernel
 from glpath.system.machine import core_count
 from glpath.system.reporting import ProgressEvent
 from glpath.system.vectors import LARGEST, unit_normals
@@ -442,3 +442,37 @@ def _facing(normals: Any, terrain: HeightField, points: Float64 | None) -> Float
         first = int(np.flatnonzero(wrong)[0])
         raise UsageError(f"normals[{first}]: {given[first].tolist()} looks nowhere.")
     return np.asarray(facing, np.float32)
+
+
+@kernel
+def add_sky(tangents, normals, direction, weight, sums):  # type: ignore[no-untyped-def]
+    """Add the light of a white sky of radiance 1 / pi from a sector of azimuths.
+
+    tangents  : (N,) tangents of the horizon angles
+    normals   : (N, 3) unit normals, x east, y north, z up; or (1, 3) for all
+    direction : x and y of a unit vector to the middle of the sector
+    weight    : width of the sector, radians
+    sums      : (N,) sums; the whole sky gives 1 on a horizontal surface
+
+    The integral of max(0, n . w) sin t over the zenith angle t, from 0 to the horizon's, is exact. If a is the
+    component of the normal n along the azimuth, it is nz sin^2 t / 2 + a (t - sin t cos t) / 2 [Dozier & Frew 1990,
+    eq. 7].
+    """
+    scale = weight / math.pi
+    for i in range(len(tangents)):
+        tangent = float(tangents[i])
+        k = i if len(normals) > 1 else 0
+        nx, ny, nz = float(normals[k, 0]), float(normals[k, 1]), float(normals[k, 2])
+        along = nx * direction[0] + ny * direction[1]
+        if along == 0.0 and nz > 0.0:
+            sums[i] += scale * 0.5 * nz / (1.0 + tangent * tangent)
+            continue
+        # In the vertical plane of this azimuth, the surface faces zenith angles within 90 degrees of `facing`, the
+        # zenith angle of the normal's projection.
+        facing = math.atan2(along, nz)
+        last = min(math.atan2(1.0, tangent), facing + 0.5 * math.pi)
+        first = max(0.0, facing - 0.5 * math.pi)
+        if last > first:
+            s, c = math.sin(last), math.cos(last)
+            s0, c0 = math.sin(first), math.cos(first)
+            sums[i] += scale * 0.5 * (nz * (s * s - s0 * s0) + along * (last - first - s * c + s0 * c0))

@@ -17,16 +17,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.io.gltf import compression, glossiness
+from glpath.io.gltf import compression
 from glpath.io.gltf.document import Document
 from glpath.io.gltf.images import UnknownFormatError, read_image
 from glpath.io.gltf.material_extensions import LAYERS
 from glpath.io.gltf.table import Choice, Table
 from glpath.scene.material import Wrap
 from glpath.scene.model import Float64, Material, Texture, TextureSlot
-from glpath.system.colour import decode_srgb
+from glpath.system.colour import decode_srgb, encode_srgb
 from glpath.system.time_limit import check_time
 
+#: Reflectance of a dielectric of index 1.5 at normal incidence.
+F0 = 0.04
+_TINY = 1e-6
 _WRAPS: dict[Any, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _FILTERS: dict[Any, Literal["linear", "nearest"]] = {9728: "nearest", 9729: "linear"}
 _ALPHA: dict[Any, Literal["opaque", "mask", "blend"]] = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
@@ -156,7 +159,7 @@ class MaterialReader:
             fields = {
                 "reflectance": diffuse[:3],
                 "texture": self._slot(glossy, "diffuseTexture", srgb=True),
-                "specular_colour": specular / glossiness.F0,
+                "specular_colour": specular / F0,
             }
         material = Material(
             normal_texture=self._slot(table, "normalTexture", srgb=False),
@@ -196,7 +199,7 @@ class MaterialReader:
                     colour = np.ones_like(colour[..., :3])
                 colour[..., :3] *= diffuse
                 share = shiny[..., 3] if shiny.shape[2] == 4 else np.ones(shiny.shape[:2])
-                strips.append(glossiness.metal_and_roughness(colour, shiny[..., :3] * specular, gloss * share))
+                strips.append(metal_and_roughness(colour, shiny[..., :3] * specular, gloss * share))
             name = self.document.all("images")[second.source].name(f"image-{second.source}")
             self._texture_numbers[key] = len(self.textures)
             for parts, srgb in zip(zip(*strips, strict=True), (True, False), strict=True):
@@ -240,7 +243,7 @@ class MaterialReader:
                 fields["specular_colour_texture"] = self._slot(specular, "specularColorTexture", srgb=True)
         if ior is not None and ior.number("ior", 1.5) == 0:
             # An index of 0 means that the specular colour alone sets the reflection.
-            fields["specular_colour"] = fields.get("specular_colour", np.ones(3)) / glossiness.F0
+            fields["specular_colour"] = fields.get("specular_colour", np.ones(3)) / F0
         for extension, layer in LAYERS.items():
             found = table.extension(extension)
             if found is not None:
@@ -435,3 +438,50 @@ def _uv_transform(table: Table) -> Float64:
     matrix[:2, 2] = table.numbers("offset", (0, 0))
     over = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])  # replaces v by 1 - v; its own inverse
     return np.asarray((over @ matrix @ over)[:2])
+
+
+def metal_and_roughness(
+    diffuse: Float64, specular: Float64, glossiness: Float64
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return the images of the metallic-roughness model for the older specular-glossiness model.
+
+    A texel is taken as a mixture of a metal, which has the specular colour, and a dielectric that reflects 4 %. The
+    metal fraction is chosen so that the mixture has the diffuse and the specular brightness of the texel.
+    Dielectrics that reflect more than 4 % become part metal, and coloured reflections of dielectrics are lost.
+
+    Source: Khronos Group, KHR_materials_pbrSpecularGlossiness, its converter between the two models (2016).
+
+    The base colour is (h, w, 3 or 4), sRGB. The surface is (h, w, 3), with roughness in green and metal in blue.
+
+    diffuse    : (h, w, 3) or, with alpha, (h, w, 4), linear, in [0, 1]
+    specular   : (h, w, 3) reflectance at normal incidence, linear, in [0, 1]
+    glossiness : (h, w) in [0, 1]
+    """
+    left = 1.0 - specular.max(axis=2, keepdims=True)
+    under = diffuse[..., :3] * left / (1.0 - F0)
+    metal = _metal(_brightness(diffuse[..., :3])[..., None] * left / (1.0 - F0), _brightness(specular)[..., None])
+    of_diffuse = under / np.maximum(1.0 - metal, _TINY)
+    of_specular = (specular - F0 * (1.0 - metal)) / np.maximum(metal, _TINY)
+    colour = np.clip(of_diffuse + (of_specular - of_diffuse) * metal**2, 0.0, 1.0)
+    base = np.concatenate([encode_srgb(colour), diffuse[..., 3:]], axis=2)
+    surface = np.concatenate([np.ones_like(metal), 1.0 - glossiness[..., None], metal], axis=2)
+    return _bytes(base), _bytes(surface)
+
+
+def _metal(diffuse: Float64, specular: Float64) -> Float64:
+    """Return the metal fraction m that solves two equations for m and a base colour c.
+
+    The equations are (1 - m) c = diffuse and m c + (1 - m) F0 = specular.
+    """
+    b = diffuse + specular - 2.0 * F0
+    root = np.sqrt(np.maximum(b**2 - 4.0 * F0 * (F0 - specular), 0.0))
+    return np.where(specular < F0, 0.0, np.clip((root - b) / (2.0 * F0), 0.0, 1.0))
+
+
+def _brightness(colour: Float64) -> Float64:
+    """Return the perceived brightness of colours [http://alienryderflex.com/hsp.html]."""
+    return np.asarray(np.sqrt(colour**2 @ [0.299, 0.587, 0.114]))
+
+
+def _bytes(values: Float64) -> NDArray[np.uint8]:
+    return np.asarray(np.round(255.0 * np.clip(values, 0.0, 1.0)), np.uint8)

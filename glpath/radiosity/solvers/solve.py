@@ -28,10 +28,9 @@ from glpath.radiosity.mesh.reconstruct import resample
 from glpath.radiosity.shafts.options import ShaftOptions
 from glpath.radiosity.solution import RadiositySolution
 from glpath.radiosity.solvers import importance, matrix, monte_carlo
-from glpath.radiosity.solvers.ahead import compile_ahead
+from glpath.radiosity.solvers.ahead import compile_ahead, kernels_of
 from glpath.radiosity.solvers.checkpoint import Solver, SolverCheckpoint
 from glpath.radiosity.solvers.checks import Method, check_memory, check_options, check_solvable
-from glpath.radiosity.solvers.needed import kernels_of
 from glpath.radiosity.solvers.particles import BATCH
 from glpath.radiosity.solvers.progressive import Refinement
 from glpath.scene import Scene, path_traceable

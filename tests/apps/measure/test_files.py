@@ -14,8 +14,8 @@ import pytest
 from typer.testing import CliRunner
 
 import glpath
+from glpath.apps.measure.files import save_glb, save_vtp
 from glpath.apps.measure.measured import Measured
-from glpath.apps.measure.models import save_glb, save_vtp
 from glpath.apps.measure.points import Points, plane_grid
 from glpath.apps.measure.report import save_report
 from glpath.cli.main import app

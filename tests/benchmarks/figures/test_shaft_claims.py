@@ -11,7 +11,7 @@ import pytest
 from benchmarks import office_table
 from benchmarks.figures import shaft, shaft_table
 from benchmarks.figures.catalogue import FIGURES
-from glpath.notebook.polyhedron import box_corners
+from glpath.notebook.shaft_scene import box_corners
 from glpath.radiosity import Containment, Occluders, Shaft
 
 Patch = Callable[[pytest.MonkeyPatch], None]

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from benchmarks.__main__ import app
 from benchmarks.figures import shaft, style
 from benchmarks.office_table import OFFICES
-from glpath.notebook import polyhedron
+from glpath.notebook import shaft_scene
 from glpath.radiosity import Containment, Shaft
 
 DRAWN = list(shaft.FIGURES)
@@ -69,22 +69,22 @@ def test_table_1_has_all_rows_and_both_savings(tmp_path: Path) -> None:
 
 
 def test_a_box_has_six_faces_and_its_volume() -> None:
-    planes = polyhedron.box_planes([1, 2, 3, 2, 4, 6])
-    assert [len(f) for f in polyhedron.faces(planes)] == [4] * 6
+    planes = shaft_scene.box_planes([1, 2, 3, 2, 4, 6])
+    assert [len(f) for f in shaft_scene.faces(planes)] == [4] * 6
     assert shaft.volume(planes) == pytest.approx(1 * 2 * 3)
     # A tetrahedron of legs 0.5 off the far corner.
     cut = np.concatenate([planes, [[1.0, 1.0, 1.0, -11.5]]])
     assert shaft.volume(cut) == pytest.approx(6 - 0.5**3 / 6)
-    assert [len(f) for f in polyhedron.faces(cut)] == [4, 4, 4, 5, 5, 5, 3]
+    assert [len(f) for f in shaft_scene.faces(cut)] == [4, 4, 4, 5, 5, 5, 3]
 
 
 def test_a_plane_that_only_touches_has_no_face() -> None:
-    planes = np.concatenate([polyhedron.box_planes([0, 0, 0, 1, 1, 1]), [[1, 1, 0, -2.0]]])
-    assert [len(f) for f in polyhedron.faces(planes)] == [4] * 6 + [0]
+    planes = np.concatenate([shaft_scene.box_planes([0, 0, 0, 1, 1, 1]), [[1, 1, 0, -2.0]]])
+    assert [len(f) for f in shaft_scene.faces(planes)] == [4] * 6 + [0]
 
 
 def test_the_gap_to_a_hull_is_never_too_large_and_nearly_exact() -> None:
-    corners = polyhedron.box_corners([0, 0, 0, 1, 1, 1])
+    corners = shaft_scene.box_corners([0, 0, 0, 1, 1, 1])
     points = np.random.default_rng(3).uniform(-1, 2, (200, 3))
     exact = np.linalg.norm(points - points.clip(0, 1), axis=1)
     gap = shaft.farthest_gap(corners, points)

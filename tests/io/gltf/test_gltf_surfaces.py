@@ -13,8 +13,8 @@ import pytest
 
 from glpath.errors import SceneError, UsageError
 from glpath.io.gltf import Model, load, read_gltf
-from glpath.io.gltf.glossiness import metal_and_roughness
 from glpath.io.gltf.primitives import is_solid
+from glpath.io.gltf.surfaces import metal_and_roughness
 from glpath.scene.model import Material, Mesh, Texture, TextureSlot
 from glpath.system.colour import decode_srgb
 from tests.support.gltf_files import Gltf, encoded, ktx2_of_solid_blocks
