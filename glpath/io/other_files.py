@@ -1,4 +1,4 @@
-"""Files that are often mistaken for scenes, and names that other programs give to fields of scenes, with remedies."""
+"""Files that are often mistaken for scenes, and names that other programs give to fields, with remedies."""
 
 from __future__ import annotations
 

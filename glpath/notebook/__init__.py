@@ -21,8 +21,7 @@ except ImportError as missing:
         'pip install "glpath[jupyter]"',
     ) from None
 
-from glpath.notebook.shaft_scene import ShaftScene
-from glpath.notebook.shafts import ShaftExplorer, explore_shafts
+from glpath.notebook.shaft_scene import ShaftExplorer, ShaftScene, explore_shafts
 from glpath.notebook.view import View, view
 
 __all__ = ["ShaftExplorer", "ShaftScene", "View", "explore_shafts", "view"]

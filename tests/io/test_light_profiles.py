@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 import glpath
 from benchmarks.peers import other_python
 from glpath.errors import GlpathError, SceneError, SceneWarning
-from glpath.io.export.mitsuba_luminaires import projectors
+from glpath.io.export.mitsuba import projectors
 from glpath.io.gltf import read_gltf
 from glpath.io.photometry import read_profile
 from glpath.lights.samples import incident

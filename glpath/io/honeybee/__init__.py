@@ -16,7 +16,6 @@ which only the first state is read; chains of modifiers, of which the last count
 Source: https://www.ladybug.tools/honeybee-schema, version 2.3; honeybee-radiance 1.66.
 """
 
-from glpath.io.honeybee.grids import sensor_points
-from glpath.io.honeybee.load import read_honeybee
+from glpath.io.honeybee.load import read_honeybee, sensor_points
 
 __all__ = ["read_honeybee", "sensor_points"]

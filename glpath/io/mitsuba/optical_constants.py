@@ -1,6 +1,7 @@
-"""Indices of refraction of dielectrics and metals, by their names in Mitsuba.
+"""Indices of refraction of dielectrics and metals, by their names in Mitsuba, and colours of radio materials.
 
-Source: tables of Mitsuba 3.9 in its RGB modes, which clip negative values.
+Sources: tables of Mitsuba 3.9 in its RGB modes, which clip negative values. Sionna 1.0, `ITURadioMaterial`, the
+         colours of its preview and renderer; the names of the radio materials are from ITU-R P.2040-3.
 """
 
 from __future__ import annotations
@@ -72,4 +73,23 @@ METALS = {
     "V_palik": ((4.2776, 3.5129, 2.7611), (3.4913, 2.8895, 3.1115)),
     "VN": ((2.8656, 2.1192, 1.9401), (3.0322, 2.0561, 1.6163)),
     "W": ((4.3708, 3.3002, 2.9984), (3.5006, 2.6049, 2.2732)),
+}
+
+
+#: Colour, linear Rec. 709, of each radio material; they define no optical reflection.
+RADIO_COLOURS = {
+    "marble": (0.701, 0.644, 0.485),
+    "concrete": (0.539, 0.539, 0.539),
+    "wood": (0.266, 0.109, 0.060),
+    "metal": (0.220, 0.220, 0.254),
+    "brick": (0.402, 0.112, 0.087),
+    "glass": (0.168, 0.139, 0.509),
+    "floorboard": (0.539, 0.386, 0.025),
+    "ceiling_board": (0.376, 0.539, 0.117),
+    "chipboard": (0.509, 0.159, 0.323),
+    "plasterboard": (0.051, 0.539, 0.133),
+    "plywood": (0.136, 0.076, 0.539),
+    "very_dry_ground": (0.539, 0.319, 0.223),
+    "medium_dry_ground": (0.539, 0.181, 0.076),
+    "wet_ground": (0.539, 0.027, 0.147),
 }

@@ -18,9 +18,8 @@ import numpy as np
 
 from glpath.io.export.geometry import UniqueNames, tangent_axes
 from glpath.io.mitsuba.document import error_of_kind
-from glpath.io.mitsuba.optical_constants import INDICES, METALS
+from glpath.io.mitsuba.optical_constants import INDICES, METALS, RADIO_COLOURS
 from glpath.io.mitsuba.plugin import Plugin
-from glpath.io.mitsuba.radio_materials import RADIO_COLOURS
 from glpath.io.mitsuba.textures import Look, Textures
 from glpath.scene.directional_albedo import internal_reflectance
 from glpath.scene.geometry import Float64
