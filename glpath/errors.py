@@ -11,7 +11,7 @@ import sys
 import sysconfig
 import threading
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -28,6 +28,47 @@ _SURROGATE = re.compile("[\ud800-\udfff]")
 # Maximum number of locations that one warning lists.
 _LISTED_LOCATIONS = 4
 _LIBRARY = os.path.join(sysconfig.get_path("stdlib"), "")
+
+
+#: Function that writes an argument: its name, and one value or several alternatives.
+Notation = Callable[[str, Sequence[object]], str]
+
+
+def _in_python(name: str, values: Sequence[object]) -> str:
+    return f"{name}={' or '.join(map(_literal, values))}"
+
+
+def _literal(value: object) -> str:
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, tuple | list):
+        return f"({', '.join(map(_literal, value))}{',' * (len(value) == 1)})"
+    if isinstance(value, float):
+        return f"{value:g}"
+    return repr(value)
+
+
+# Notation of arguments in messages. A process has one command at a time, so all its threads share it.
+_notation: Notation = _in_python
+
+
+def argument(name: str, *values: object) -> str:
+    """Return an argument as the user writes it, for messages: integrator="path", or --integrator path in a command.
+
+    values : its value; several are alternatives, joined by "or"
+    """
+    return _notation(name, values)
+
+
+@contextmanager
+def notation(write: Notation) -> Iterator[None]:
+    """Context in which `argument` uses another notation, such as that of the command line."""
+    global _notation
+    before, _notation = _notation, write
+    try:
+        yield
+    finally:
+        _notation = before
 
 
 class GlpathError(Exception):

@@ -37,8 +37,8 @@ from glpath.cli.signals import (
     forget,
     signals_wait_for_results,
 )
-from glpath.cli.typed import as_typed, remember_words, typed_words
-from glpath.errors import GlpathError, SceneWarning, UsageError, shortened, warning_scope
+from glpath.cli.typed import as_option, remember_words, typed_words
+from glpath.errors import GlpathError, SceneWarning, UsageError, notation, shortened, warning_scope
 from glpath.system.files import missing_current_folder, recorded_inputs
 from glpath.system.log import compilations
 from glpath.system.signals import is_interruption
@@ -119,15 +119,19 @@ def _reported(error: GlpathError) -> typer.Exit:
     """Print an error, and return the exit of the command."""
     if has_no_reader(error):
         return typer.Exit(FAILED)
-    say(f"glpath: error: {as_typed(shortened(str(error)))}", err=True)
+    say(f"glpath: error: {shortened(str(error))}", err=True)
     return typer.Exit(WRONG_USAGE if isinstance(error, UsageError) else FAILED)
 
 
 @contextmanager
 def _wrong_usage_as_lines() -> Iterator[None]:
-    """Report errors of the parser and of option callbacks in the format of other errors, not in typer's box."""
+    """Report errors of the parser and of option callbacks in the format of other errors, not in typer's box.
+
+    Messages name arguments in the notation of the command line.
+    """
     try:
-        yield
+        with notation(as_option):
+            yield
     except GlpathError as error:  # of the callback of an option
         raise _reported(error) from error
     except Exception as error:
@@ -149,7 +153,7 @@ def _wrong_usage_as_lines() -> Iterator[None]:
 def _warnings_and_logs_as_lines() -> Iterator[None]:
     def show(message: Warning | str, category: type[Warning], *location: Any, **more: Any) -> None:
         if issubclass(category, SceneWarning):
-            say(f"glpath: warning: {as_typed(shortened(str(message)))}", err=True)
+            say(f"glpath: warning: {shortened(str(message))}", err=True)
         else:
             say(warnings.formatwarning(message, category, *location[:2]).rstrip(), err=True)
 

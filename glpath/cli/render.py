@@ -27,7 +27,7 @@ from glpath.cli.values import check_choice, check_spp
 from glpath.cli.values import crop as read_crop
 from glpath.cli.values import resolution as read_resolution
 from glpath.cli.values import sample_range as read_range
-from glpath.errors import UsageError
+from glpath.errors import UsageError, argument
 from glpath.film.aovs import DENOISER_AOVS, guides_denoiser
 from glpath.integrators.by_name import AUTO, Integrator
 from glpath.rendering.options import default_spp_text
@@ -227,7 +227,7 @@ def render(
         if picture.denoise and not guides_denoiser(asked.integrator.aovs):
             raise UsageError(
                 f"--denoise beside --job: {job} asks for no AOVs albedo and normal, which a denoiser needs.",
-                f"Make the job with aovs={DENOISER_AOVS!r}.",
+                f"Make the job with {argument('aovs', DENOISER_AOVS)}.",
             )
         start, spp = running.of_file(asked, out), asked.spp
     if many is None:

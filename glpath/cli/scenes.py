@@ -16,7 +16,6 @@ from glpath.cli import completion
 from glpath.cli.help import command_help
 from glpath.cli.scene import Parameters, SceneArgument, read_scene
 from glpath.cli.scene_options import OF_PICTURES, with_scene_options
-from glpath.cli.typed import as_typed
 from glpath.errors import GlpathError, SceneWarning, UsageError, current_warnings
 from glpath.io import (
     parameters_from_options,
@@ -343,9 +342,9 @@ def _examine(name: str, parameters: list[str] | None) -> tuple[str | None, list[
         except UsageError:
             raise
         except GlpathError as problem:
-            return as_typed(str(problem)), []
+            return str(problem), []
     return None, _scene_warnings(caught) + found
 
 
 def _scene_warnings(caught: Sequence[warnings.WarningMessage]) -> list[str]:
-    return [as_typed(str(each.message)) for each in caught if issubclass(each.category, SceneWarning)]
+    return [str(each.message) for each in caught if issubclass(each.category, SceneWarning)]

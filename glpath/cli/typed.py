@@ -1,33 +1,35 @@
-"""Messages in the command line's notation: Python arguments as options, and the command as it was typed.
-
-Errors and warnings are worded for Python, `integrator="path"`; a user of the command line types --integrator path.
-"""
+"""Arguments in the notation of the command line, and the command as it was typed."""
 
 from __future__ import annotations
 
-import re
 import shlex
+from collections.abc import Sequence
 from typing import Any
 
 # Key of the typed words in the data that a command's context shares with the contexts above it.
 _WORDS = "glpath.words"
 
-# Names of command options that are not options of integrators.
-_OF_COMMANDS = (
-    *("integrator", "crop", "resolution", "device", "require_gpu", "hours", "time_limit"),
-    *("size", "texels", "uv", "materials", "white_sky", "maintenance_factor"),
-    *("plane", "spacing", "area", "margin", "normal"),
-)
 
-# Argument NAME=VALUE. The value is a quoted word, several joined by ", " or " or ", a tuple, a boolean or a number.
-_ARGUMENT = re.compile(
-    r"""\b([a-z_]+)=("[^"]*"(?:(?:, | or )"[^"]*")*|\([^()]*\)|(?:True|False)\b|[+-]?[\d.]+(?:e[+-]?\d+)?\b)"""
-)
+def as_option(name: str, values: Sequence[object]) -> str:
+    """Return an argument in the notation of the command line, such as --integrator path; see `errors.argument`."""
+    from glpath.cli.options import flag, flag_of
+    from glpath.rendering.options import options
+
+    known = options()
+    typed = flag_of(known[name]) if name in known else flag(name)
+    if values[0] is True:
+        return typed
+    if values[0] is False:
+        return typed.replace("--", "--no-", 1)
+    if name in known and known[name].first.several and isinstance(values[0], tuple | list):
+        return " ".join(f"{typed} {each}" for each in values[0])
+    return f"{typed} {' or '.join(map(_word, values))}"
 
 
-def as_typed(text: str) -> str:
-    """Replace Python arguments in `text` by command-line options: require_gpu=True by --require-gpu."""
-    return _ARGUMENT.sub(_option, text)
+def _word(value: object) -> str:
+    if isinstance(value, tuple | list):
+        return ",".join(map(_word, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def remember_words(context: Any, words: list[str]) -> None:
@@ -51,21 +53,3 @@ def typed_parameters(context: Any) -> list[Any]:
     sources = [(each, context.get_parameter_source(each.name or "")) for each in context.command.params]
     # The source is compared by name, because Typer may bundle its own copy of Click.
     return [each for each, source in sources if source is not None and source.name == "COMMANDLINE"]
-
-
-def _option(argument: re.Match[str]) -> str:
-    from glpath.cli.options import flag, flag_of
-    from glpath.rendering.options import options
-
-    (name, value), known = argument.groups(), options()
-    if name not in known and name not in _OF_COMMANDS:
-        return argument[0]
-    typed = flag_of(known[name]) if name in known else flag(name)
-    if value == "True":
-        return typed
-    if value == "False":
-        return typed.replace("--", "--no-", 1)
-    words = re.sub(r"""["'()]""", "", value).rstrip(",")
-    if name in known and known[name].first.several:
-        return " ".join(f"{typed} {word}" for word in words.split(", "))
-    return f"{typed} {words.replace(', ', ',') if value.startswith('(') else words}"

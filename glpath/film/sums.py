@@ -20,7 +20,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from glpath.errors import UsageError
+from glpath.errors import UsageError, argument
 from glpath.film.aovs import AOV_KINDS, AOVS, DENOISER_AOVS, FAR, ID_AOVS, SHAPES, add_aov, min_depths
 from glpath.film.batches import BATCHES, BLOCK, batch_of, united
 from glpath.film.cryptomatte import RANKS, Cryptomatte, Kind, ShapeCounts, cryptomatte
@@ -138,7 +138,7 @@ class FilmSums:
             held = ", ".join(self.metadata.aovs) or "none"
             raise UsageError(
                 f"film: holds no AOV {name!r}; those that it holds: {held}.",
-                f"Render with aovs={DENOISER_AOVS if name in DENOISER_AOVS else (name,)!r}."
+                f"Render with {argument('aovs', DENOISER_AOVS if name in DENOISER_AOVS else (name,))}."
                 if name in AOVS
                 else f"There are {', '.join(AOVS)}.",
             )

@@ -12,7 +12,7 @@ from glpath.errors import ContextError, UsageError
 from glpath.system.arguments import short_repr
 
 OUT_OF_MEMORY = (
-    "Render the image in parts (crop=(x, y, width, height), whose .exr have their window in the whole), or fewer\n"
+    "Render the image in parts by `crop`, whose .exr have their window in the whole, or fewer\n"
     "pixels; take smaller textures or shadow-buffers, or another device."
 )
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import moderngl
 
-from glpath.errors import ContextError
+from glpath.errors import ContextError, argument
 from glpath.gl.devices import (
     EGL_LIBRARY,
     GL_LIBRARIES,
@@ -147,7 +147,7 @@ def no_gpu(found: list[str]) -> ContextError:
         "a GPU is required, but there is no hardware device that renders; found: "
         + ("; ".join(found) or "nothing"),
         "Install the graphics driver with its EGL library, and see that this user may open /dev/dri/renderD*\n"
-        "(`glpath doctor` looks); or render in software: leave out require_gpu=True.",
+        f"(`glpath doctor` looks); or render in software: leave out {argument('require_gpu', True)}.",
     )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol, T
 
 from msgspec import Meta
 
-from glpath.errors import UsageError
+from glpath.errors import UsageError, argument
 from glpath.integrators.settings import (
     DEEPEST,
     GEOMETRY_BUDGET,
@@ -20,6 +20,7 @@ from glpath.integrators.settings import (
     Guide,
     Lookup,
     PathSetSettings,
+    Remedy,
     Rgb,
     SharedDirections,
 )
@@ -66,10 +67,13 @@ class GatherSettings(SharedDirections, PathSetSettings):
     integrator = "gather"
     default_spp = 64
     biased = True
-    remedies: ClassVar[Mapping[str, str]] = {
-        **dict.fromkeys(("max_depth", "roulette"), _ALL_OF_A_GATHER),
-        "ambient": "A gather has light of all bounces from its solution: none is left to assume.",
-        "directions": 'With cast="path-buffer" all paths of a set share directions, each takes the better of two.',
+    remedies: ClassVar[Mapping[str, Remedy]] = {
+        **dict.fromkeys(("max_depth", "roulette"), lambda: _ALL_OF_A_GATHER),
+        "ambient": lambda: "A gather has light of all bounces from its solution: none is left to assume.",
+        "directions": lambda: (
+            f"With {argument('cast', 'path-buffer')} all paths of a set share directions, each takes the better of "
+            "two."
+        ),
     }
 
     # A gather does not have these options, because its solution is for the unsimplified scene and has light of all
@@ -181,7 +185,7 @@ class GatherSettings(SharedDirections, PathSetSettings):
             if name in given:
                 raise UsageError(
                     f'{name}: {short_repr(given[name])} with cast "{cast}"; it is an option of cast "{other}"',
-                    f'Take cast="{other}", or leave it out.',
+                    f"Take {argument('cast', other)}, or leave it out.",
                 )
 
 

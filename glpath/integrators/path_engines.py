@@ -8,7 +8,7 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from glpath.errors import SceneError
+from glpath.errors import SceneError, argument
 from glpath.gl.device_radiosity import DeviceRadiosity
 from glpath.gl.device_scene import DeviceScene
 from glpath.integrators.path_buffer import PathBufferTracer
@@ -79,5 +79,5 @@ def check_shared(scene: Scene) -> None:
         )
         raise SceneError(
             f"{scene.source or scene.name}: has {found}, which paths that share their directions cannot follow.",
-            'Render it with integrator="path", or gather with cast="bvh".',
+            f"Render it with {argument('integrator', 'path')}, or gather with {argument('cast', 'bvh')}.",
         )

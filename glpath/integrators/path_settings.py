@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Self, TypedDict
 
 from msgspec import Meta
 
+from glpath.errors import argument
 from glpath.integrators.settings import (
     DEEPEST,
     GEOMETRY_BUDGET,
@@ -22,6 +23,7 @@ from glpath.integrators.settings import (
     Lookup,
     MaxDepth,
     PathSetSettings,
+    Remedy,
     Roulette,
     SharedDirections,
 )
@@ -32,6 +34,10 @@ _ROULETTE = 4
 _CORRECTED_FROM = 2
 
 
+def _path_buffer() -> str:
+    return argument("integrator", "path-buffer")
+
+
 @dataclass(frozen=True)
 class PathSettings(PathSetSettings):
     """Path tracing: each path has its own directions, and a BVH in the shader casts its rays.
@@ -40,11 +46,12 @@ class PathSettings(PathSetSettings):
     """
 
     integrator = "path"
-    remedies = NO_LOOKUP | {
-        "directions": 'Each path has directions of its own; with integrator="path-buffer" a set shares them.',
-        "light_resolution": 'Shadows are rays; with integrator="path-buffer" they are shadow-buffers.',
-        "geometry_budget": 'Rays need all triangles in memory; take integrator="path-buffer", which streams them.',
-        "bounce_lod": 'Rays have one BVH; integrator="path-buffer" has a simpler scene for bounces.',
+    remedies: ClassVar[Mapping[str, Remedy]] = {
+        **NO_LOOKUP,
+        "directions": lambda: f"Each path has directions of its own; with {_path_buffer()} a set shares them.",
+        "light_resolution": lambda: f"Shadows are rays; with {_path_buffer()} they are shadow-buffers.",
+        "geometry_budget": lambda: f"Rays need all triangles in memory; take {_path_buffer()}, which streams them.",
+        "bounce_lod": lambda: f"Rays have one BVH; {_path_buffer()} has a simpler scene for bounces.",
     }
 
     # Fixed for paths, because only a gather can choose these.
@@ -123,8 +130,11 @@ class PathBufferSettings(SharedDirections, PathSetSettings):
     """
 
     integrator = "path-buffer"
-    remedies = NO_LOOKUP | {
-        "guide": 'All paths of a set share their directions; paths of integrator="path" choose them.',
+    remedies: ClassVar[Mapping[str, Remedy]] = {
+        **NO_LOOKUP,
+        "guide": lambda: (
+            f"All paths of a set share their directions; paths of {argument('integrator', 'path')} choose them."
+        ),
     }
 
     max_depth: MaxDepth = DEEPEST

@@ -22,7 +22,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, TypedDict
 
 from msgspec import Meta
 
-from glpath.errors import UsageError
+from glpath.errors import UsageError, argument
 from glpath.film.aovs import Aov, described
 from glpath.sampling import Sampling
 
@@ -39,8 +39,12 @@ DEEPEST = 1000
 ROULETTE_OF_MIRRORED = 6
 #: Vertex from which on Russian roulette ends those paths of a gather that end without a look-up.
 ROULETTE_OF_GATHER = 4
+#: Function that returns the text of a remedy.
+Remedy = Callable[[], str]
 #: Hints for users who give an option of look-ups to an integrator that looks up no solution.
-NO_LOOKUP = {"lookup_depth": "max_depth says how long paths are; only a gather looks up a solution."}
+NO_LOOKUP: Mapping[str, Remedy] = {
+    "lookup_depth": lambda: "max_depth says how long paths are; only a gather looks up a solution."
+}
 
 # AOVs that a film of points can have: only those of light, because no camera sees a surface.
 _POINT_AOVS = ("direct", "indirect", "samples")
@@ -55,7 +59,7 @@ class IntegratorSettings(ABC):
     noisy       : True if another seed gives another image. Samples of a ray tracer differ only within their pixel
     biased      : True if the estimator is biased: more samples do not converge to the exact radiance
     any_scene   : True if an engine can change its scene; otherwise it can only change its sensor
-    remedies    : alternatives to options that other integrators have
+    remedies    : alternatives to options that other integrators have, in the notation of the user's interface
     """
 
     integrator: ClassVar[str]
@@ -63,7 +67,7 @@ class IntegratorSettings(ABC):
     noisy: ClassVar[bool]
     biased: ClassVar[bool] = False
     any_scene: ClassVar[bool] = False
-    remedies: ClassVar[Mapping[str, str]] = {}
+    remedies: ClassVar[Mapping[str, Remedy]] = {}
 
     seed: Annotated[int, Meta(ge=0, le=2**63, description="another seed is another, independent render")] = 0
     aovs: Annotated[
@@ -95,7 +99,7 @@ class IntegratorSettings(ABC):
         """Raise UsageError if paths cannot start at points, or if an option does not apply there."""
         raise UsageError(
             f'integrator: "{self.integrator}" with a sensor of points; its rays start at a camera.',
-            'Take integrator="path", "path-buffer" or "gather".',
+            f"Take {argument('integrator', 'path', 'path-buffer', 'gather')}.",
         )
 
     def check_together(self, given: Mapping[str, Any]) -> None:  # noqa: B027 - few need it

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from glpath.errors import UsageError
+from glpath.errors import UsageError, argument
 from glpath.film.aovs import DENOISER_AOVS, guides_denoiser
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata, differences
@@ -88,7 +88,8 @@ def _another_render(metadata: Mapping[Path, FilmMetadata], found: Sequence[tuple
     lacking = [file for file, each in metadata.items() if not guides_denoiser(each.aovs)]
     if len(lacking) == 1 and {what for what, _, _ in found} <= _OF_GUIDES:
         return UnguidedShardError(
-            f"{message} {lacking[0]} {WITHOUT_GUIDES}.", f"Render every shard with aovs={DENOISER_AOVS!r}."
+            f"{message} {lacking[0]} {WITHOUT_GUIDES}.",
+            f"Render every shard with {argument('aovs', DENOISER_AOVS)}.",
         )
     same_aovs = "" if metadata[first].aovs == metadata[path].aovs else ", all with the same AOVs"
     return UsageError(message, f"Merge shards of one render{same_aovs}.")

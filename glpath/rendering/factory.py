@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
-from glpath.errors import SceneError, TimeLimitError, warn
+from glpath.errors import SceneError, TimeLimitError, argument, warn
 from glpath.film.aovs import guides_denoiser
 from glpath.film.bias import BIAS_OBSTACLE, REJECTED_GATHER
 from glpath.film.choices import TIME_LIMIT
@@ -366,7 +366,8 @@ def _check_expandable(scene: Scene) -> None:
         raise SceneError(
             f"{scene.source or scene.name}: {total:,} triangles of all instances of {kept:,} would take about "
             f"{need / 2**30:,.1f} GiB; there are {available / 2**30:,.1f}.",
-            'Render it with integrator="path" and guide="cosine", which keeps each mesh once.',
+            f"Render it with {argument('integrator', 'path')} and {argument('guide', 'cosine')}, which keeps each "
+            "mesh once.",
         )
 
 
@@ -383,7 +384,7 @@ def _proxies(scene: Scene, say: Say) -> Proxies:
         raise SceneError(
             f"{scene.source or scene.name}: the gather solves a simpler mesh instead of streamed triangles, but "
             f"that has {proxies.area:.0%} of their area: they are too small and scattered.",
-            'Render it with integrator="path-buffer".',
+            f"Render it with {argument('integrator', 'path-buffer')}.",
         )
     return proxies
 
@@ -438,7 +439,7 @@ def _without_ground(scene: Scene) -> list[str]:
         return []
     return [
         "The ground below the model catches no shadow where a path-buffer casts the rays; "
-        'integrator="path" shows it.'
+        f"{argument('integrator', 'path')} shows it."
     ]
 
 
@@ -452,7 +453,7 @@ def _biased(film: Film) -> list[str]:
     else:
         found = "is" if bias.is_large() else "may be too large: it is"
         text = f"the bias of the gather {found} {bias}. Its radiosity solution may be too coarse for this scene"
-    return [] if text is None else [f'{film.metadata.scene}: {text}; integrator="path" has no bias.']
+    return [] if text is None else [f"{film.metadata.scene}: {text}; {argument('integrator', 'path')} has no bias."]
 
 
 def _cut(film: Film) -> list[str]:
@@ -494,7 +495,7 @@ class _Gathering(Plan):
         return [
             *missing,
             "The scene's ambient light stands for bounces that are not traced; a gather has them all from its "
-            'solution, and leaves it out. integrator="path" adds it beyond the last vertex.',
+            f"solution, and leaves it out. {argument('integrator', 'path')} adds it beyond the last vertex.",
         ]
 
     def traceable(self, scene: Scene) -> Scene:
@@ -504,8 +505,8 @@ class _Gathering(Plan):
             raise SceneError(
                 f"{scene.source or scene.name}: {listed} move{'s' * (len(names) == 1)} while the shutter is open, "
                 "but a radiosity solution, which a gather looks up, is of one moment.",
-                'Render it with integrator="path"; or give the shutter one moment, for a gather of that. (The '
-                "camera may move.)",
+                f"Render it with {argument('integrator', 'path')}; or give the shutter one moment, for a gather of "
+                "that. (The camera may move.)",
             )
         _check_expandable(scene)
         return path_traceable(_posed(scene), streams=self.settings.by_path_buffer)
@@ -550,7 +551,7 @@ class _Gathering(Plan):
         particles = solution.statistics.get("particles", 0)
         warn(
             f"{scene.source or scene.name}: the time limit cut the radiosity solution short, after {particles:,} "
-            'particles: the gather has their noise as a bias. integrator="path" has none.',
+            f"particles: the gather has their noise as a bias. {argument('integrator', 'path')} has none.",
             late=True,
         )
         return replace(self, settings=_interleaved(self.settings, scene), solution=solution, proxies=proxies)
@@ -666,7 +667,7 @@ class _Whitted(Plan):
             raise SceneError(
                 f"{scene.source or scene.name}: has a diffuse transmission ({', '.join(translucent[:3])}), "
                 "which this ray tracer does not have.",
-                'Render it with integrator="path" or "gather".',
+                f"Render it with {argument('integrator', 'path', 'gather')}.",
             )
         glass = [material.name for material in used if material.roughness is not None and material.transmission > 0]
         if glass:
@@ -674,14 +675,15 @@ class _Whitted(Plan):
             raise SceneError(
                 f"{scene.source or scene.name}: has glass ({names}), but a ray of this ray tracer is mirrored "
                 "and does not part.",
-                'Render it with integrator="path" or "gather".',
+                f"Render it with {argument('integrator', 'path', 'gather')}.",
             )
         camera = scene.camera
         if self.settings.primary == "t-buffer" and camera.projection == "panorama":
             raise SceneError(
                 f"{scene.source or scene.name}: has a camera of type panorama; a T-buffer bounds "
                 "objects as they are seen on a plane.",
-                'Render it with integrator="classic", which shoots every ray, or with "path" or "gather".',
+                f"Render it with {argument('integrator', 'classic')}, which shoots every ray, or with "
+                f"{argument('integrator', 'path', 'gather')}.",
             )
         return _posed(scene).centred
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_a
 
 from msgspec import Meta
 
-from glpath.errors import UsageError, warning_scope
+from glpath.errors import UsageError, argument, warning_scope
 from glpath.integrators.by_name import INTEGRATORS, Integrator, IntegratorKeywords
 from glpath.integrators.gather_settings import Solution
 from glpath.integrators.settings import IntegratorSettings, Rgb
@@ -209,11 +209,11 @@ def settings_of(integrator: str | IntegratorSettings, given: Mapping[str, Any]) 
         check_name(option, known)
         if name not in known[option].settings:
             found = str(value) if isinstance(value, Path) else short_repr(value)
+            remedy = base.remedies.get(option)
             raise UsageError(
                 f'{option}: {found} with the integrator "{name}"; it is an option of '
                 f"{_quoted(known[option].settings, 'and')}",
-                base.remedies.get(option)
-                or f"Leave it out, or take integrator={_quoted(known[option].settings, 'or')}.",
+                remedy() if remedy else f"Leave it out, or take {argument('integrator', *known[option].settings)}.",
             )
     base.check_together(given)
     return checked(replace(base, **given))

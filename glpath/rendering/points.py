@@ -14,7 +14,7 @@ from typing import Any, Literal, Unpack, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import SceneError, UsageError, warn
+from glpath.errors import SceneError, UsageError, argument, warn
 from glpath.film.film import Film
 from glpath.film.noise import standard_error
 from glpath.integrators.by_name import AUTO, Integrator
@@ -274,7 +274,7 @@ def lit(scene: Scene, by_white_sky: bool, ambient: float | Sequence[float] | Non
     if by_white_sky:
         if has_light and not assumed:
             raise UsageError(
-                f"white_sky=True: {source} has light of its own.",
+                f"{argument('white_sky', True)}: {source} has light of its own.",
                 "Leave it out, or write a sky in its file.",
             )
         return replace(scene, sky=uniform_sky(), background=None)
@@ -291,7 +291,7 @@ def lit(scene: Scene, by_white_sky: bool, ambient: float | Sequence[float] | Non
         raise SceneError(
             f"{source}: has no light to measure: no lamp, no surface that emits, no sky.",
             "Give it one: [[lights]], an emission or a [sky] in a TOML file, punctual lights in glTF.\n"
-            "A white sky of radiance 1 from all around is white_sky=True.",
+            f"A white sky of radiance 1 from all around is {argument('white_sky', True)}.",
         )
     return own
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from glpath.errors import ContextError, TimeLimitError, UsageError, warn
+from glpath.errors import ContextError, TimeLimitError, UsageError, argument, warn
 from glpath.film.aovs import DENOISER_AOVS, ID_AOVS, guides_denoiser
 from glpath.film.bias import BIAS_PROBE, REJECTED_GATHER
 from glpath.film.choices import TIME_LIMIT
@@ -286,7 +286,7 @@ def _check_denoisable(job: RenderJob) -> None:
     if not guides_denoiser(job.integrator.aovs):
         raise UsageError(
             "clean: of a film without the AOVs albedo and normal, which the denoiser needs.",
-            f"Render with aovs={DENOISER_AOVS!r}, or end by `noise`.",
+            f"Render with {argument('aovs', DENOISER_AOVS)}, or end by `noise`.",
         )
     require_denoiser()
 

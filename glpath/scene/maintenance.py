@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TypeVar
 
-from glpath.errors import UsageError
+from glpath.errors import UsageError, argument
 from glpath.scene.geometry import Shape, Shapes
 from glpath.scene.model import Light, Scene
 
@@ -36,7 +36,7 @@ def maintained(scene: Scene, factor: float | None) -> Scene:
         return scene
     if not 0 < factor <= 1:
         raise UsageError(
-            f"maintenance_factor={factor:g}: must be above 0, up to 1.",
+            f"{argument('maintenance_factor', factor)}: must be above 0, up to 1.",
             "0.8, say, where lamps are cleaned every year.",
         )
     lights = tuple(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from glpath.errors import SceneError
+from glpath.errors import SceneError, argument
 from glpath.scene.geometry import IDENTITY, Float64, Mesh, Shape, Shapes, ellipsoid_area
 from glpath.scene.model import Scene, triangle_areas
 from glpath.scene.source_location import SourceLocation
@@ -103,7 +103,8 @@ def check_resident(scene: Scene) -> None:
     _check_resident(
         scene,
         "scans alone can render: rays, a BVH and radiosity need them all in memory",
-        'Render it with integrator="path-buffer", "t-buffer", or "gather" with cast="path-buffer".',
+        f"Render it with {argument('integrator', 'path-buffer', 't-buffer')}, or with a gather and "
+        f"{argument('cast', 'path-buffer')}.",
     )
 
 
@@ -127,7 +128,8 @@ def check_unmirrored(scene: Scene, max_depth: int) -> None:
             scene,
             f"no reflected ray can meet, and has materials that reflect ({_listed(mirrors)}); with max_depth "
             f"{max_depth}, only diffuse materials are allowed",
-            'Take max_depth=1, which leaves reflections out, or integrator="path-buffer".',
+            f"Take {argument('max_depth', 1)}, which leaves reflections out, or "
+            f"{argument('integrator', 'path-buffer')}.",
         )
 
 
@@ -162,7 +164,7 @@ def _check_known(scene: Scene) -> None:
         raise SceneError(
             f"{scene.source or scene.name}: has planes ({_listed(planes)}), which path tracing cannot render: an "
             "endless plane has no triangles.",
-            'Render it with integrator="classic" or "t-buffer", or make planes large quads.',
+            f"Render it with {argument('integrator', 'classic', 't-buffer')}, or make planes large quads.",
         )
 
 
@@ -176,5 +178,6 @@ def _check_number(scene: Scene) -> None:
         raise SceneError(
             f"{scene.source or scene.name}: {len(scene.spheres):,} spheres would be {count:,} triangles; the path "
             f"tracer takes at most {MAX_TRIANGLES:,}.",
-            'Give the spheres fewer `subdivisions`, or render with integrator="classic" or "t-buffer".',
+            "Give the spheres fewer `subdivisions`, or render with "
+            f"{argument('integrator', 'classic', 't-buffer')}.",
         )

@@ -26,8 +26,7 @@ from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
 
-from glpath.errors import TimeLimitError, UsageError
-from glpath.system.arguments import short_repr
+from glpath.errors import TimeLimitError, UsageError, argument
 
 #: Time after the limit for work that is required for a result, seconds.
 GRACE = 1.0
@@ -100,7 +99,7 @@ def check_time_limit(seconds: object) -> None:
         if seconds is None or (is_number and 0 < float(seconds) < math.inf):  # type: ignore[arg-type]
             return
     raise UsageError(
-        f"time_limit={short_repr(seconds)}: must be a finite number of seconds above 0.", "None is no limit."
+        f"{argument('time_limit', seconds)}: must be a finite number of seconds above 0.", "None is no limit."
     )
 
 
@@ -275,4 +274,4 @@ def _error(limit: _Limit, doing: str, estimate: float = 0.0, later: float = 0.0)
     over = f"over while {doing}, before there was a result"
     if left > 0:
         over = f"{doing} would take about {estimate:.2g} s, more than is left"
-    return TimeLimitError(f"time_limit={limit.seconds:g}: {over}.", "Give it more time.")
+    return TimeLimitError(f"{argument('time_limit', limit.seconds)}: {over}.", "Give it more time.")

@@ -34,7 +34,7 @@ from glpath.apps.daylight.shard import Shard, shard_range
 from glpath.apps.daylight.sky_patches import SkyPatches
 from glpath.apps.daylight.sun_bins import MAX_BINS, MAX_SUNS, SunBins
 from glpath.apps.daylight.visibility import GEOMETRY_BUDGET, PointVisibility, masked
-from glpath.errors import SceneError, UsageError, warn, warning_scope
+from glpath.errors import SceneError, UsageError, argument, warn, warning_scope
 from glpath.film.bias import Bias
 from glpath.gl.context import open_context
 from glpath.gl.parallel_rays import WORD
@@ -197,7 +197,7 @@ def daylight_coefficients(
             raise SceneError(
                 f"{loaded.source or loaded.name}: has a stream, from which no light is reflected: max_depth is "
                 f"{max_depth}.",
-                "Take max_depth=1, direct light, or hold the triangles in memory.",
+                f"Take {argument('max_depth', 1)}, direct light, or hold the triangles in memory.",
             )
         warn(f"{loaded.source or loaded.name}: has a stream, so there is direct light alone.")
         reflects = False

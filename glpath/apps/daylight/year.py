@@ -20,7 +20,7 @@ from glpath.apps.daylight import metrics
 from glpath.apps.daylight.coefficients import DaylightCoefficients, rows_of
 from glpath.apps.daylight.hourly_skies import HourlySkies, Quantity
 from glpath.apps.daylight.receivers import response
-from glpath.errors import UsageError, warn
+from glpath.errors import UsageError, argument, warn
 from glpath.io.weather import Weather, read_weather
 from glpath.system.arguments import checked
 from glpath.system.files import whole_file
@@ -369,7 +369,7 @@ def check_hours(path: str | Path, sensors: int, hours: int, wanted: bool) -> Non
     if wanted and need > MAX_HOURS:
         raise UsageError(
             f"{path}: {sensors:,} sensors in {hours:,} hours are {need / 2**30:.1f} GiB, but a file takes 2.",
-            "Leave the hours out: hours=False; `light(rows)` has those of some sensors.",
+            f"Leave the hours out: {argument('hours', False)}; `light(rows)` has those of some sensors.",
         )
 
 

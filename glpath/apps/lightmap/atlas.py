@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from glpath.apps.lightmap.overlaps import overlapping
 from glpath.apps.lightmap.steps import corners_in_steps, points_in_steps, power_of_two, rounded
 from glpath.apps.lightmap.xatlas_workers import atlas_of
-from glpath.errors import GlpathError, SceneError, UsageError, warn
+from glpath.errors import GlpathError, SceneError, UsageError, argument, warn
 from glpath.scene import Scene
 from glpath.scene.geometry import Float64, Mesh
 from glpath.scene.pieces import pieces
@@ -209,7 +209,8 @@ def _check_time(
         raise UsageError(
             f"{scene_name}: the atlas of {triangles:,} sides of triangles in {len(parts):,} pieces would take "
             f"about {seconds / 60:.0f} minutes of processor time.",
-            'Simplify the model, or bake a part of it; or keep texture coordinates that the file has: uv="keep".',
+            "Simplify the model, or bake a part of it; or keep texture coordinates that the file has: "
+            f"{argument('uv', 'keep')}.",
         )
     check_time(_PACKING, seconds / core_count())
     if say is not None and seconds > _REPORTED_SECONDS:
@@ -497,7 +498,7 @@ def kept(scene: Scene, lit: NDArray[np.bool_], size: int) -> Atlas:
         if mesh.uv1 is None:
             raise SceneError(
                 f'{scene_name}: the shape "{shape.name}" has no second texture coordinates (TEXCOORD_1) to keep.',
-                'Leave out uv="keep": they are made.',
+                f"Leave out {argument('uv', 'keep')}: they are made.",
             )
     side = np.where(~lit[:, 0] & lit[:, 1], 1, 0)
     triangle = np.arange(len(lit))
@@ -508,7 +509,7 @@ def kept(scene: Scene, lit: NDArray[np.bool_], size: int) -> Atlas:
         raise SceneError(
             f"{scene_name}: the second texture coordinates of {len(outside)} triangles, first of the shape "
             f'"{name}", are not within 0 to 1, which those of a lightmap are.',
-            'Leave out uv="keep": others are made.',
+            f"Leave out {argument('uv', 'keep')}: others are made.",
         )
     texels = np.clip(uv, 0.0, 1.0) * size
     texels[..., 1] = size - texels[..., 1]
@@ -529,5 +530,5 @@ def _check_apart(scene: Scene, atlas: Atlas, scene_name: str) -> None:
     raise SceneError(
         f'{scene_name}: the second texture coordinates of the shapes "{names[0]}" and "{names[1]}" overlap, so '
         "that one texel would be two points (that is so for every mesh with several instances, too).",
-        'Leave out uv="keep": others are made.',
+        f"Leave out {argument('uv', 'keep')}: others are made.",
     )

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.errors import UsageError, warn
+from glpath.errors import UsageError, argument, warn
 from glpath.io.values import LARGEST, SMALLEST
 from glpath.scene import Scene
 from glpath.system.arguments import real_array
@@ -152,7 +152,7 @@ def plane_grid(
     axis = AXES.find(name.lstrip("-").lower()) if name.lstrip("-") else -1
     if axis < 0 or len(name) != 1 + down:
         raise UsageError(
-            f'plane="{plane}": expected AXIS=HEIGHT, an axis out of x, y and z.',
+            f"{argument('plane', plane)}: expected AXIS=HEIGHT, an axis out of x, y and z.",
             "y=0.75 faces +y at a height of 0.75, -y=2.4 faces down from 2.4.",
         )
     height = _height(plane, height_text)
@@ -160,30 +160,30 @@ def plane_grid(
     if area is None:
         lower, upper = (bound[list(across)] for bound in scene.bounds)
         if not np.isfinite([lower, upper]).all():
-            raise UsageError(
-                f'plane="{plane}": the scene has no bounds to lay a grid in.',
-                "Say where it is, such as area=(0, 0, 4, 5).",
-            )
+            raise UsageError(f"{argument('plane', plane)}: the scene has no bounds to lay a grid in.", _where())
     else:
         given = real_array("area", area, "(2, 2) or (4,)", {(2, 2), (4,)}.__contains__).reshape(2, 2)
         lower, upper = given
         if not (np.abs([lower, upper]) <= LARGEST).all():
-            raise UsageError(f"{argument_text('area', given)}: must be from {-LARGEST:g} to {LARGEST:g}.")
+            raise UsageError(
+                f"{argument('area', given.ravel().tolist())}: must be from {-LARGEST:g} to {LARGEST:g}."
+            )
     if not 0 <= margin <= LARGEST:
-        raise UsageError(f"margin={margin:g}: must be from 0 to {LARGEST:g}, in scene units.")
+        raise UsageError(f"{argument('margin', margin)}: must be from 0 to {LARGEST:g}, in scene units.")
     size = upper - lower
     if margin > 0 and (size > 0).all() and not (size > 2 * margin).all():
-        raise UsageError(f"margin={margin:g}: leaves nothing of {size[0]:g} x {size[1]:g}.", "Take a smaller one.")
+        raise UsageError(
+            f"{argument('margin', margin)}: leaves nothing of {size[0]:g} x {size[1]:g}.", "Take a smaller one."
+        )
     lower, size = lower + margin, size - 2 * margin
     if not (size >= SMALLEST).all():
         if area is not None:
             both = f"{AXES[first]} and {AXES[second]}"
             raise UsageError(
-                f"{argument_text('area', given)}: the second corner must lie beyond the first along {both}."
+                f"{argument('area', given.ravel().tolist())}: the second corner must lie beyond the first along "
+                f"{both}."
             )
-        raise UsageError(
-            f'plane="{plane}": the scene has no extent across it.', "Say where it is, such as area=(0, 0, 4, 5)."
-        )
+        raise UsageError(f"{argument('plane', plane)}: the scene has no extent across it.", _where())
     if isinstance(spacing, str) and spacing.lower() == EN_12464:
         counts = np.array(en_12464_counts(float(size[0]), float(size[1])), float)
         step = size / counts
@@ -193,7 +193,8 @@ def plane_grid(
         counts = np.maximum(np.floor(size / step + 1e-6), 1.0)
     if not counts.prod() <= MAX_POINTS:
         raise UsageError(
-            f"spacing={step[0]:g}: {counts[0]:.0f} x {counts[1]:.0f} points; at most {MAX_POINTS:,} are allowed.",
+            f"{argument('spacing', float(step[0]))}: {counts[0]:.0f} x {counts[1]:.0f} points; at most "
+            f"{MAX_POINTS:,} are allowed.",
             "Take a wider one, or a smaller area.",
         )
     columns, rows = (int(n) for n in counts)
@@ -251,9 +252,8 @@ def coordinate(x: float) -> str:
     return f"{x:.4g}" if abs(x) < 1e3 else f"{x:.2f}"
 
 
-def argument_text(name: str, values: ArrayLike) -> str:
-    """Return an argument as text for messages, such as "normal=(0, 1, 0)"."""
-    return f"{name}=({', '.join(f'{each:g}' for each in np.ravel(values).tolist())})"
+def _where() -> str:
+    return f"Say where it is, such as {argument('area', (0, 0, 4, 5))}."
 
 
 def _height(plane: str, text: str) -> float:
@@ -262,9 +262,9 @@ def _height(plane: str, text: str) -> float:
     except ValueError:
         height = math.nan
     if not math.isfinite(height):
-        raise UsageError(f'plane="{plane}": expected AXIS=HEIGHT in finite numbers.', "y=0.75 is one.")
+        raise UsageError(f"{argument('plane', plane)}: expected AXIS=HEIGHT in finite numbers.", "y=0.75 is one.")
     if abs(height) > LARGEST:
-        raise UsageError(f'plane="{plane}": must be from {-LARGEST:g} to {LARGEST:g}.')
+        raise UsageError(f"{argument('plane', plane)}: must be from {-LARGEST:g} to {LARGEST:g}.")
     return height
 
 
@@ -272,5 +272,7 @@ def _apart(spacing: object) -> float:
     """Return a spacing in scene units as a float. Raises UsageError unless it is a number in the allowed range."""
     if isinstance(spacing, int | float | np.floating) and SMALLEST <= spacing <= LARGEST:
         return float(spacing)
-    found = f"{spacing:g}" if isinstance(spacing, float) else f'"{spacing}"'
-    raise UsageError(f'spacing={found}: must be from {SMALLEST:g} to {LARGEST:g}, in scene units, or "{EN_12464}".')
+    raise UsageError(
+        f"{argument('spacing', spacing)}: must be from {SMALLEST:g} to {LARGEST:g}, in scene units, or "
+        f'"{EN_12464}".'
+    )

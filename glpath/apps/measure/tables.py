@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glpath.apps.measure.points import MAX_POINTS, Points, argument_text
-from glpath.errors import UsageError
+from glpath.apps.measure.points import MAX_POINTS, Points
+from glpath.errors import UsageError, argument
 from glpath.system.arguments import real_array
 from glpath.system.bounded_reading import reading_file
 from glpath.system.files import read_bytes, read_standard_input, reason_of, whole_file, write_bytes
@@ -56,9 +56,7 @@ def read_points(path: str | Path, normal: ArrayLike | None = None) -> Points:
         from glpath.io.honeybee import sensor_points
 
         if normal is not None:
-            raise UsageError(
-                f"{argument_text('normal', normal)}: beside the directions of {file}.", "Leave it out."
-            )
+            raise UsageError(f"{argument('normal', normal)}: beside the directions of {file}.", "Leave it out.")
         with reading_file(Path(file).name):
             return Points(*sensor_points(Path(file), grid or None))
     with reading_file(path.name):
@@ -103,16 +101,17 @@ def _read_table(path: Path, normal: ArrayLike | None) -> Points:
     if table.shape[1] == 3:
         if normal is None:
             raise UsageError(
-                f"{path}: has no normals (columns nx, ny, nz).", "Give one for all, such as normal=(0, 1, 0)."
+                f"{path}: has no normals (columns nx, ny, nz).",
+                f"Give one for all, such as {argument('normal', (0, 1, 0))}.",
             )
         facing = real_array("normal", normal, "(3,)", (3,).__eq__)
         if not facing.any():
-            raise UsageError("normal=(0, 0, 0): looks nowhere.", "normal=(0, 1, 0) faces +y.")
+            raise UsageError(
+                f"{argument('normal', (0, 0, 0))}: looks nowhere.", f"{argument('normal', (0, 1, 0))} faces +y."
+            )
         return Points(table, np.broadcast_to(facing, table.shape))
     if normal is not None:
-        raise UsageError(
-            f"{argument_text('normal', normal)}: beside the normals of {path}.", "Leave one of them out."
-        )
+        raise UsageError(f"{argument('normal', normal)}: beside the normals of {path}.", "Leave one of them out.")
     dark = np.flatnonzero(~table[:, 3:].any(axis=1))
     if len(dark):
         raise UsageError(f"{path}, line {lines[dark[0]]}: the normal is 0, 0, 0, which looks nowhere.")

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from glpath.errors import UsageError
+from glpath.errors import UsageError, argument
 from glpath.lights.lighting import Lighting
 from glpath.radiosity.form_factors.form_factor import KINDS
 from glpath.radiosity.memory import require_memory
@@ -85,7 +85,8 @@ def check_solvable(scene: Scene) -> None:
             raise here.field("specular").wrong(
                 material.specular,
                 "0 for radiosity, which knows diffuse reflection alone",
-                'Render the scene with integrator="path" and guide="cosine", or leave the highlight out.',
+                f"Render the scene with {argument('integrator', 'path')} and {argument('guide', 'cosine')}, or "
+                "leave the highlight out.",
             )
         reflectance = scene.mean_reflectance(material)
         if np.any(reflectance >= 1):
