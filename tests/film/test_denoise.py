@@ -220,7 +220,7 @@ def test_one_batch_has_no_error(make_film: MakeFilm) -> None:
 def test_a_film_without_aovs_is_not_denoised(make_film: MakeFilm) -> None:
     with pytest.raises(UsageError, match="holds no AOV 'albedo'") as caught:
         make_film().denoised()
-    assert "aovs=('albedo', 'normal')" in str(caught.value)
+    assert 'aovs=("albedo", "normal")' in str(caught.value)
 
 
 def test_without_pyoidn_the_line_to_type_is_said(film: Film, monkeypatch, tmp_path: Path) -> None:

@@ -263,7 +263,7 @@ def test_exr_has_the_pixel_aspect_nearest_to_a_camera_beyond_its_range(
 def test_a_pixel_aspect_that_is_none_is_refused(aspect: object, make_film: MakeFilm) -> None:
     metadata = asdict(make_film().metadata)
     assert metadata_of({key: value for key, value in metadata.items() if key != "pixel_aspect"}).pixel_aspect == 1
-    with pytest.raises(ValueError, match="pixel_aspect in its metadata is"):
+    with pytest.raises(ValueError, match="pixel_aspect"):
         metadata_of(metadata | {"pixel_aspect": aspect})
 
 
@@ -338,7 +338,7 @@ def test_metadata_is_plain_from_the_start(make_film: MakeFilm) -> None:
 @pytest.mark.parametrize("error", [-1.0, 10**400])
 def test_an_error_that_is_none_is_refused(name: str, error: float, make_film: MakeFilm) -> None:
     text = json.dumps({**asdict(make_film([]).metadata), name: error})
-    with pytest.raises(ValueError, match=f"{name} in its metadata"):
+    with pytest.raises(ValueError, match=name):
         metadata_of(json.loads(text))
 
 

@@ -342,7 +342,7 @@ LAYERS = {
 def test_aovs_that_are_not_there_are_refused_with_what_to_do() -> None:
     with pytest.raises(UsageError, match="'albedo'; those that it holds: normal") as caught:
         glpath.render(SCENE, spp=1, max_depth=1, resolution=(8, 6), aovs=["normal"]).aov("albedo")
-    assert "aovs=('albedo', 'normal')" in str(caught.value)
+    assert 'aovs=("albedo", "normal")' in str(caught.value)
     with pytest.raises(UsageError, match=r"aovs: 'fog'; allowed are albedo, normal, depth, .*, samples, all"):
         glpath.render(SCENE, aovs=["fog"])
     with pytest.raises(UsageError, match=r"aovs: 3 where some of albedo, normal, .* are needed"):
