@@ -113,9 +113,9 @@ class CompiledSlots:
 
 @kernel
 def _lacking(vertices, faces, paths, begin, end, lacks):  # type: ignore[no-untyped-def]
-    """For triangles `begin` to `end`, find the corner that the next triangle lacks if both form a parallelogram.
+    """For triangles `begin` to `end`: if one forms a parallelogram with the next, its corner that the next lacks.
 
-    It is -1 if they form none.
+    Otherwise the corner is -1.
     """
     for i in range(begin, end):
         lacks[i] = -1
@@ -212,7 +212,7 @@ def _fill_nodes(tree, wide_nodes, steps, nodes, lanes, begin, end):  # type: ign
 def _fill(nodes, lanes, geometry, slots, floats, group):  # type: ignore[no-untyped-def]
     """Fill slots, starting with the first slot of a group. `floats` is a float view of the same memory."""
     for at in range(len(slots)):
-        # The first slot of group 0 is the root; all others are children of wide nodes.
+        # Group 0 has only the root, in its first slot. Group g has the children of wide node g - 1.
         parent = group + at // WIDTH - 1
         child = lanes[parent, at % WIDTH] if parent >= 0 else (0 if at == 0 else -1)
         if child >= 0:

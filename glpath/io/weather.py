@@ -130,7 +130,7 @@ class Weather:
 
     @property
     def direct_illuminance(self) -> Float64:
-        """Illuminance of a surface that faces the sun, (H,) lx, by Perez' efficacy."""
+        """Illuminance by the sun alone of a surface that faces it, (H,) lx, by Perez' efficacy."""
         return self.direct_normal * self.skies.direct_efficacy(self.water)
 
     @property
@@ -337,7 +337,7 @@ def _parsed(reader: str, text: str, path: Path, **how: Any) -> tuple[Any, dict[s
         raise
     # Broken files make pvlib and pandas raise exceptions of any kind.
     except Exception as error:
-        # Leave out the advice of pandas to its callers.
+        # Cut off pandas' advice to programmers.
         reason = (str(error).splitlines() or [""])[0].partition(" You might want")[0]
         raise SceneError(
             f"{path}: is broken: {type(error).__name__}: {reason}",

@@ -178,7 +178,7 @@ class RenderJob:
     def seen(self, scene: Scene | None = None) -> Scene:
         """Return the scene, loaded if it is not given, with its camera replaced by that of the job's sensor.
 
-        Raises the errors of `SceneSource.load`, and UsageError if the points of a sensor must be supplied.
+        Raises the errors of `SceneSource.load`, and UsageError if the job has no points for its sensor.
         """
         with _needing(self.sensor):
             loaded = self.scene.load(scene)

@@ -38,7 +38,7 @@ class Session:
     Data on the device, such as shadow-buffers, are kept for the next job until the end of `with session:`. Sessions
     in several threads take turns, job by job.
 
-    The constructor takes the first job and the job's scene, whose camera is that of the job. It finds errors in
+    The constructor takes the first job and its scene, which must have the camera of the job. It finds errors in
     the job and the scene before it opens a device. Raises SceneError for a scene that the engine does not support,
     ContextError if no device is available. Warns SceneWarning of a scene that is not rendered as intended.
 

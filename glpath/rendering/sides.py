@@ -1,9 +1,9 @@
-"""Find the sides of a scene's surfaces that get texels, and points of them that are inside other geometry.
+"""Find which sides of surfaces get texels, and which points on those sides lie inside other geometry.
 
 All sides that can be seen get texels: every front, and the back of a two-sided material. The inside of a closed
 solid gets none, because `solids` proves that it is never seen. A side is dark if no chain of rays leads from it to
-a lamp, to the sky or to a punctual light. Dark sides get fewer texels, but some, because they are found by
-sampling. A point is inside other geometry if all its rays meet dark sides, for example on the floor under a box.
+a lamp, to the sky or to a punctual light. Dark sides still get a few texels, because samples may have
+missed a lamp. A point is inside other geometry if all its rays meet dark sides, such as the floor under a box.
 
 Cost:     a few hundred thousand rays on the CPU for the sides; a ray or two for each point.
 Poor at:  light through a hole that none of some thousand rays from a surface finds. Texels of that surface are

@@ -338,7 +338,7 @@ Sensor = CameraSensor | PointSensor
 
 
 def _table(name: str, given: ArrayLike) -> Float32:
-    """Return `given` as a float32 array (S, H, W, 3), where (H, W, 3) has S = 1. Raises UsageError."""
+    """Return `given` as float32 (S, H, W, 3); (H, W, 3) gets S = 1. Raises UsageError for any other shape."""
     try:
         array = np.asarray(given, np.float32)
     except (TypeError, ValueError):

@@ -499,9 +499,9 @@ def _through_a_folder(path: str | Path) -> Iterator[Path]:
 
 
 class _Patience:
-    """Wait for the reader of a pipe, which ends with an error after a signal.
+    """Wait for the reader of a pipe. After a signal, the wait soon ends with an error; otherwise it has no limit.
 
-    Without a signal, the wait has no limit. The first signal of a command may have come while it rendered.
+    A signal that came before the wait counts too.
     """
 
     def __init__(self) -> None:

@@ -23,7 +23,7 @@ _EARLY_S = 0.005
 
 
 class StoppedError(Exception):
-    """Work in Python that found its flag set."""
+    """Raised by work in Python when it finds its flag set."""
 
 
 @contextmanager

@@ -172,7 +172,7 @@ def mark_resumed() -> None:
 
 
 def lift_limit() -> None:
-    """End the limit of the innermost `limited`, because work on an existing result, such as writing, is exempt."""
+    """Remove the limit of the innermost `limited`, because none applies to work on a result, such as writing."""
     limit = _limit.get()
     if limit is not None:
         limit.ends = math.inf

@@ -310,7 +310,7 @@ class Horizon:
 
 
 def _chunk(rays: int) -> int:
-    """Return the number of points of a task; each point has so many rays, at least 1."""
+    """Return the number of points of a task, if each point casts `rays` >= 1 rays."""
     return min(_CHUNK, max(_MIN_CHUNK, _CHUNK_RAYS // rays))
 
 

@@ -54,7 +54,7 @@ _MAX_STRETCH = 0.05
 _PROJECT = "Project it: gdalwarp -t_srs EPSG:... (UTM: EPSG:326ZZ in the north, 327ZZ in the south)."
 # Maximum size of an ASCII grid whose heights are counted even if they cannot be as many as its header says, bytes.
 _COUNTED_BYTES = 1 << 20
-# Maximum number of images in a TIFF with a mask: the field, its mask and overviews.
+# Maximum number of images in a TIFF that has a mask: the height field, its mask and all overviews.
 _MAX_DIRECTORIES = 64
 
 # Memory in bytes of a sample while a height field is checked, and of a point of a point cloud while it is read.

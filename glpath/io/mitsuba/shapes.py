@@ -34,7 +34,7 @@ _KINDS = dict.fromkeys((*_FILES, *_MADE, "cylinder", "sphere", "instance", "shap
 # Shapes whose normals define the front, so a mirroring transform does not exchange front and back. Instances and
 # files with normals behave in the same manner. In other meshes, the order of the corners defines the front.
 _OF_NORMALS = ("rectangle", "cube", "disk", "cylinder")
-# Maximum number of instances of shapes. An instance of a group counts for each of its shapes. They take 400 MB.
+# Maximum number of instances of shapes, which take 400 MB. An instance of a group counts once for each shape.
 _MAX_INSTANCES = 2**22
 # Relative difference of a sphere's axes above which it is an ellipsoid.
 _ELLIPSOID = 1e-4

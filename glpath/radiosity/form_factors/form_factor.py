@@ -185,7 +185,7 @@ class _Lit(NamedTuple):
 
 
 class _Emitters(NamedTuple):
-    """Emitters of a batch for the kernels: triangles (B, 3, 3), their normal, sizes (B,) and areas (B,)."""
+    """Emitters of a batch: triangles (B, 3, 3) in one plane, its normal (3,), longest edges (B,) and areas (B,)."""
 
     corners: Float64
     normal: Float64

@@ -353,7 +353,7 @@ def guides_of(weights: Float64) -> Float64:
 
 
 def drawn_bins(guides: Float64, random: np.random.Generator, rays: int) -> tuple[Int64, Float64]:
-    """Draw a bin for each ray by guides (P, BINS), stratified; return bins and their probabilities, (P, rays)."""
+    """Draw stratified bins from cumulative probabilities (P, BINS); return bins and chances, both (P, rays)."""
     at = (np.arange(rays) + random.random((len(guides), rays))) / rays
     bins = np.minimum((guides[:, None] <= at[..., None]).sum(axis=2), BINS - 1)
     row = np.arange(len(guides))[:, None]

@@ -128,7 +128,7 @@ def random_in_parts(k: int, count: int, seed: int) -> Float64:
 
 @dataclass(frozen=True)
 class Solids:
-    """Closed surfaces of a scene in which parts of other surfaces may be buried, such as a floor under a box.
+    """Closed surfaces of a scene. They may hide parts of other surfaces, such as the floor under a box.
 
     scene : triangulated scene
     solid : (T,) bool, True if the triangle belongs to a closed surface without a camera or light inside

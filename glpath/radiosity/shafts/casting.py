@@ -51,9 +51,9 @@ def _inverse(d):  # type: ignore[no-untyped-def]
 
 @inner_kernel
 def _occluder(segment, found, tree, polygons, object_boxes, lists):  # type: ignore[no-untyped-def]
-    """Return the first polygon of a list that a segment crosses, its index, and counts of box and object tests.
+    """Return the first polygon, in the order of a list, that a segment crosses, and its index in the list.
 
-    Polygon and its index in the list are -1 if the segment crosses none.
+    Both are -1 if the segment crosses none. Also returned are the counts of box and object tests.
     """
     ax, ay, az, bx, by, bz, own_a, own_b = segment
     ix = iy = iz = 0.0

@@ -45,7 +45,7 @@ def rays_through(triangles: Float64, extent: float) -> Rays:
     """Build the ray queries of T >= 1 triangles (T, 3, 3) in a scene whose box has a longest side of `extent`."""
     tree = build_bvh(triangles.min(axis=1), triangles.max(axis=1))
     start = _START * extent
-    # Boxes are widened by more than the rounding of a hit.
+    # Boxes are widened by more than the rounding error of a hit, so that a test of a box misses no hit.
     boxes = np.concatenate([tree.lower - start, tree.upper + start], axis=1)
     corners = np.concatenate(
         [triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]], 1

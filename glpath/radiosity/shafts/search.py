@@ -91,7 +91,8 @@ class Bundle(NamedTuple):
 
     clear      : (S, K) 1 for rays that are not blocked so far
     before     : (K,) 1 for points in front of the emitter
-    at_a, at_b : (3, S) and (3, K), linear forms of a polygon at the S samples and at the K points
+    at_a, at_b : (3, S) and (3, K), a polygon's plane equation and its two equations of edges at the S samples and
+                 at the K points
     """
 
     clear: NDArray[np.uint8]
@@ -187,7 +188,7 @@ def find_emitter_list(search, source, wanted, behind, touching, lists):  # type:
     touching : flag to store for nodes whose box overlaps the emitter's without enclosing it
     """
     tree, parent, leaf_of = search
-    # Leaf of the emitter's own polygon, which is left out.
+    # Leaf of the emitter's own polygon, which the list leaves out, because it cannot block its own light.
     leaf = np.int64(leaf_of[source.polygon]) if source.polygon >= 0 else -1
     box, plane, pending = source.box, source.plane, lists.stack[:, 0]
     n = 0

@@ -73,8 +73,8 @@ _DEEPER = 2
 _FIRST_ELEMENTS = 1 << 14
 #: Maximum number of elements in all lattices in the last pass.
 _MAX_ELEMENTS = 1 << 18
-#: Minimum sum of `Detail.misplaced` over all triangles, divided by the square of the threshold, at which lattices
-#: are refined.
+#: Lattices are refined if the sum of `Detail.misplaced` over all triangles, divided by the squared `threshold` of
+#: the call, is at least this.
 _MISPLACED = 0.32
 #: Value of `Detail.misplaced` of a triangle, divided by the square of the threshold, above which its lattice is
 #: refined.

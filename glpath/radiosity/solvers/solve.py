@@ -285,7 +285,8 @@ def solve_radiosity(
             check_solvable(triangles)
             surface = surfaces(triangles)
             if size is None:
-                # The cost of particles depends on their hits, so small triangles cost nothing.
+                # Particles cost time by their hits, not by triangles. So triangles smaller than a patch do not use
+                # up the number of patches.
                 by_size = method == "monte-carlo"
                 size = size_for_count(triangles, surface, patches or DEFAULT_PATCHES, by_size=by_size)
             divisions = divisions_of_size(triangles, surface, size)
@@ -365,7 +366,7 @@ def _progressive(
             )
 
     def partial(stop: BaseException) -> RadiositySolution | None:
-        """Store the state, and return the solution so far, if any; during a refinement, the solution before it."""
+        """Store the state. Return the solution before the current splits, or that of the first steps, if any."""
         if checkpoint is not None:
             last = isinstance(stop, KeyboardInterrupt)  # after the time limit the solution itself is saved
             checkpoint.write(refinement, refinement.steps, run.elapsed_s, last)
