@@ -96,7 +96,7 @@ def test_a_time_limit_ends_the_simplification_of_streams(monkeypatch: pytest.Mon
     monkeypatch.setattr("glpath.scene.proxy._corner_areas", corner_areas)
     with (
         limited(2.0),
-        named_work("simplifying"),
         pytest.raises(glpath.TimeLimitError, match="over while simplifying"),
+        named_work("simplifying"),
     ):
         with_proxies(scene, 100)
