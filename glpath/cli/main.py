@@ -109,7 +109,8 @@ class Commands(TyperGroup):
                 say(f"glpath: error: there is not enough memory{shortened(reason)}.\n  {_LESS}", err=True)
                 raise typer.Exit(FAILED) from error
             except (KeyboardInterrupt, Exception) as stop:
-                if isinstance(stop, typer.Exit | typer.Abort) or not (arrived() and is_interruption(stop)):
+                ended = not isinstance(stop, typer.Exit | typer.Abort) and arrived() and is_interruption(stop)
+                if not (ended or isinstance(stop, KeyboardInterrupt)):
                     raise
                 say("glpath: interrupted", err=True)
                 raise typer.Exit(exit_code()) from stop

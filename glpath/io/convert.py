@@ -22,9 +22,9 @@ def convert(value: Any, kind: Any, *, strict: bool = True) -> Any:
             return msgspec.convert(value, kind, strict=strict)
         except UnicodeEncodeError as error:
             raise msgspec.ValidationError("UTF-8 cannot encode its text") from error
-        except (TypeError, ValueError) as error:
-            if isinstance(error, msgspec.ValidationError):
-                raise
+        except msgspec.ValidationError:
+            raise
+        except Exception as error:  # objects of other packages raise any error when they are indexed
             raise msgspec.ValidationError("has an object of a type that a file cannot hold") from error
 
 

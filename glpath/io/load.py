@@ -29,7 +29,7 @@ from glpath.io.completed import NO_CAMERA, completed, is_aside
 from glpath.io.convert import convert
 from glpath.io.description import AnyLight, AnyMaterial, AnyShape, SceneFile, Sky
 from glpath.io.description.camera import AnyCamera, Film
-from glpath.io.meshes import MESH_KEYS, mesh_of_table
+from glpath.io.meshes import MESH_KEYS, is_kind, mesh_of_table
 from glpath.io.other_files import meant_by
 from glpath.io.streams import Chunks
 from glpath.io.up_axis import Up
@@ -227,7 +227,7 @@ def _without_meshes(
     for index, shape in enumerate(data["shapes"]):
         check_time()
         here = location.field("shapes").item(index)
-        if isinstance(shape, Mapping) and shape.get("type", "stream") == "stream" and "stream" in shape:
+        if isinstance(shape, Mapping) and is_kind(shape, "stream") and "stream" in shape:
             meshes[index] = shape["stream"]
             shapes.append({key: value for key, value in shape.items() if key != "stream"} | {"type": "stream"})
             continue
@@ -448,6 +448,7 @@ def _meant(declared: Any, data: Any) -> Any:
         return next((member for member in members if isinstance(member, inspect.ListType)), declared)
     structs = [member for member in members if isinstance(member, inspect.StructType)]
     tag = data.get("type") if isinstance(data, dict) else None
+    tag = tag if isinstance(tag, str) else None
     return next((member for member in structs if len(structs) == 1 or member.tag == tag), declared)
 
 

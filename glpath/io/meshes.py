@@ -65,13 +65,19 @@ def inline_mesh(
     return Mesh(positions, triangles)
 
 
+def is_kind(table: Mapping[str, Any], kind: str) -> bool:
+    """Return True if a shape's table has this type or none; False for a type that is no text, such as an array."""
+    given = table.get("type", kind)
+    return isinstance(given, str) and given == kind
+
+
 def mesh_of_table(table: Mapping[str, Any], location: SourceLocation, known: dict[int, Mesh]) -> Mesh | None:
     """Return the mesh of a shape's table if its geometry is an object or arrays; None if it is lists or a file.
 
     location : location of the shape
     known    : cache of meshes by id() of the trimesh object, to which new meshes are added
     """
-    if table.get("type", "mesh") != "mesh":
+    if not is_kind(table, "mesh"):
         return None
     given = table.get("mesh")
     if given is not None:

@@ -56,7 +56,7 @@ class VtkMesh:
     def __post_init__(self) -> None:
         try:
             self._check_polygons(*self.connectivity)
-        except (TypeError, ValueError, OverflowError):
+        except (TypeError, ValueError, OverflowError, NotImplementedError):
             needed = "lists of numbers of points are needed, such as [[0, 1, 2], [2, 3, 0]]"
             raise UsageError(f"polygons: {short_repr(self.polygons)} where {needed}") from None
         for what, data, count in (

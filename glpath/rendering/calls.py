@@ -232,6 +232,8 @@ def render_frames(
             **chosen,
         )
     workers = run_options.cluster
+    if isinstance(frames, memoryview):  # one of several dimensions cannot be iterated
+        raise UsageError("frames: bytes, where cameras, fields of a camera or scenes are needed.")
     left = iter(frames)
     with ExitStack() as until_done:
         session: Session | None = None

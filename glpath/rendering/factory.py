@@ -34,7 +34,7 @@ from glpath.scene.instances import instanced
 from glpath.scene.proxy import Proxies, with_proxies
 from glpath.scene.triangulate import check_resident, check_simplifiable, check_streamable, check_unmirrored
 from glpath.sensors.sensor import CameraSensor, Sensor
-from glpath.system.time_limit import part_of_time
+from glpath.system.time_limit import named_work, part_of_time
 
 if TYPE_CHECKING:
     from glpath.integrators.whitted import WhittedTracer
@@ -378,8 +378,10 @@ def _posed(scene: Scene) -> Scene:
 
 def _proxies(scene: Scene, say: Say) -> Proxies:
     """Return the scene with meshes instead of streams. Raises SceneError if too little of their area is left."""
-    say("simplifying streamed triangles")
-    proxies = with_proxies(scene)
+    doing = "simplifying streamed triangles"
+    say(doing)
+    with named_work(doing):
+        proxies = with_proxies(scene)
     if proxies.area < _LOST:
         raise SceneError(
             f"{scene.source or scene.name}: the gather solves a simpler mesh instead of streamed triangles, but "

@@ -20,6 +20,7 @@ from glpath.scene.geometry import Float64, Mesh, Shape, Shapes
 from glpath.scene.model import Scene
 from glpath.scene.stream import Stream
 from glpath.scene.tessellate import without_area
+from glpath.system.time_limit import check_time
 
 Int64 = NDArray[np.int64]
 
@@ -127,6 +128,7 @@ class _Merged:
         self.sums, self.weights = np.zeros((0, 3)), np.zeros(0)
         waiting: list[tuple[Int64, Float64, Float64, Int64]] = []
         for triangles in stream:
+            check_time()
             corners, areas = triangles.reshape(-1, 3), _corner_areas(triangles)
             keys = _keys(corners, lower, cell)
             waiting.append((*_summed(keys, corners * areas[:, None], areas), _distinct(keys.reshape(-1, 3))))
@@ -139,15 +141,19 @@ class _Merged:
         parts = [(self.cells, self.sums, self.weights, self.faces), *waiting]
         cells, sums, weights, faces = (np.concatenate(column) for column in zip(*parts, strict=True))
         self.cells, self.sums, self.weights = _summed(cells, sums, weights)
+        check_time()
         self.faces = _distinct(faces)
+        check_time()
         waiting.clear()
 
 
 def _summed(keys: Int64, values: Float64, weights: Float64) -> tuple[Int64, Float64, Float64]:
     """Return the distinct keys, ascending, and for each the sums of values (N, 3) and of weights (N,)."""
+    check_time()
     found, which = np.unique(keys, return_inverse=True)
     sums = np.empty((len(found), 3))
     for axis in range(3):
+        check_time()
         sums[:, axis] = np.bincount(which, values[:, axis], len(found))
     return found, sums, np.asarray(np.bincount(which, weights, len(found)), np.float64)
 
@@ -155,7 +161,9 @@ def _summed(keys: Int64, values: Float64, weights: Float64) -> tuple[Int64, Floa
 def _clustered(surface: _Surface, lower: Float64, cell: float) -> _Surface:
     keys = _keys(surface.vertices, lower, cell)
     cells, sums, weights = _summed(keys, surface.vertices * surface.weights[:, None], surface.weights)
+    check_time()
     faces = np.searchsorted(cells, _distinct(keys[surface.faces]))
+    check_time()
     return _Surface(sums / weights[:, None], weights, faces)
 
 
@@ -176,6 +184,7 @@ def _distinct(faces: Int64) -> Int64:
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     first = faces.argmin(axis=1)[:, None]
     rows = np.ascontiguousarray(np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1))
+    check_time()
     # Rows viewed as single items sort faster than by columns.
     once = np.unique(rows.view(np.dtype((np.void, rows.strides[0]))).ravel()) if len(rows) else rows
     return once.view(np.int64).reshape(-1, 3)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 import pytest
 import trimesh
 
@@ -434,6 +435,26 @@ def test_the_first_scenes_may_be_loaded_by_many_threads_at_once():
 def test_objects_without_a_form_in_files_are_errors_of_the_scene(key: str, value: Any) -> None:
     scene: dict[str, Any] = {"camera": CAMERA, "shapes": [LAMP], key: value}
     with pytest.raises(GlpathError, match=key):
+        load_scene(scene)
+
+
+_BALL = {"type": "sphere", "center": [0, 0, 0], "radius": 1.0}
+_CAMERA = {"position": [0, 0, 5], "target": [0, 0, 0]}
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        {"camera": _CAMERA, "shapes": [_BALL | {"type": np.array(["sphere", "box"])}]},
+        {"camera": _CAMERA, "shapes": [_BALL | {"type": pandas.NA}]},
+        {"camera": _CAMERA, "shapes": [_BALL | {"material": "m"}], "materials": {"m": {"type": pandas.NA}}},
+        {"camera": np.longdouble(1.5), "shapes": [_BALL]},
+        {"camera": pandas.Categorical(["a"]), "shapes": [_BALL]},
+        {"camera": _CAMERA, "shapes": [_BALL | {"emission": np.longdouble(1.5)}]},
+    ],
+)
+def test_objects_whose_comparison_fails_are_errors_of_the_scene(scene: dict[str, Any]) -> None:
+    with pytest.raises(SceneError):
         load_scene(scene)
 
 

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 import glpath
 from glpath.scene.proxy import TRIANGLES, with_proxies
 from glpath.scene.tessellate import unit_sphere
+from glpath.system.time_limit import limited, named_work
+from tests.support.clock import Clock
 from tests.support.streams import SKY, Given, scene_of, streamed_corners
 from tests.support.terrain import Hills
 
@@ -81,3 +83,20 @@ def test_what_is_smaller_than_a_cell_is_missed_in_the_area():
     random = np.random.default_rng(3)
     leaves = random.uniform(-1, 1, (20_000, 1, 3)) + random.uniform(-1, 1, (20_000, 3, 3)) * 1e-4
     assert with_proxies(streamed(leaves)).area < 0.1
+
+
+def test_a_time_limit_ends_the_simplification_of_streams(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock(monkeypatch)
+    scene = streamed(*np.random.default_rng(1).random((3, 1000, 3, 3)))
+
+    def corner_areas(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+        clock.ahead = 9.0
+        return np.ones(3 * len(triangles))
+
+    monkeypatch.setattr("glpath.scene.proxy._corner_areas", corner_areas)
+    with (
+        limited(2.0),
+        pytest.raises(glpath.TimeLimitError, match="over while simplifying"),
+        named_work("simplifying"),
+    ):
+        with_proxies(scene, 100)
