@@ -8,13 +8,18 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from glpath.errors import ContextError, UsageError
+from glpath.errors import ContextError, UsageError, argument
 from glpath.system.arguments import short_repr
 
-OUT_OF_MEMORY = (
-    "Render the image in parts by `crop`, whose .exr have their window in the whole, or fewer\n"
-    "pixels; take smaller textures or shadow-buffers, or another device."
-)
+
+def out_of_memory_remedy() -> str:
+    """Return the remedy for a device that lacks memory for an image."""
+    parts = argument("crop", (0, 0, 960, 540))
+    return (
+        f"Render the image in parts, such as {parts}, whose .exr have their window in the whole, or fewer pixels;\n"
+        "take smaller textures or shadow-buffers, or another device."
+    )
+
 
 #: Classes of moderngl by their names in annotations, for `checked`.
 MODERNGL = {"moderngl.Context": moderngl.Context, "moderngl.Texture": moderngl.Texture}
@@ -49,7 +54,7 @@ class NamingContext(moderngl.Context):
             asks = sys._getframe(2).f_code.co_qualname
             raise ContextError(
                 f"a texture of {_shape(size)} texels in {asks}; this device allows up to {limit} x {limit}.",
-                OUT_OF_MEMORY,
+                out_of_memory_remedy(),
             )
 
     def _check(self, size: int, what: str) -> None:
@@ -57,7 +62,8 @@ class NamingContext(moderngl.Context):
             return
         asks = sys._getframe(2).f_code.co_qualname
         raise ContextError(
-            f"{self.info['GL_RENDERER']}: {error} for {what}, {size / 2**20:,.0f} MiB, in {asks}.", OUT_OF_MEMORY
+            f"{self.info['GL_RENDERER']}: {error} for {what}, {size / 2**20:,.0f} MiB, in {asks}.",
+            out_of_memory_remedy(),
         )
 
 

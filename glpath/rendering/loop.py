@@ -18,7 +18,7 @@ from glpath.film.choices import INTERRUPTED_RULE, SPP, TIME_LIMIT
 from glpath.film.film import Film
 from glpath.film.metadata import merged_values
 from glpath.gl.context import Context
-from glpath.gl.memory import OUT_OF_MEMORY
+from glpath.gl.memory import out_of_memory_remedy
 from glpath.integrators.engine import Engine
 from glpath.rendering.factory import Counts
 from glpath.rendering.interrupts import Flag, RenderInterrupted, interrupt_as_flag
@@ -96,7 +96,7 @@ def _check_device(context: Context) -> None:
         return
     remedy = "Start it again; what the driver says (dmesg, nvidia-smi) may tell why."
     if error == "GL_OUT_OF_MEMORY":
-        remedy = OUT_OF_MEMORY
+        remedy = out_of_memory_remedy()
     raise ContextError(
         f"{context.info.renderer}: {error} while path sets were traced; the device has failed.", remedy
     )

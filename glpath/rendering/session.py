@@ -15,7 +15,7 @@ from glpath.film.denoise import require_denoiser
 from glpath.film.film import Film
 from glpath.film.metadata import FilmMetadata, joined, merged_values
 from glpath.gl.context import Context
-from glpath.gl.memory import OUT_OF_MEMORY
+from glpath.gl.memory import out_of_memory_remedy
 from glpath.integrators.engine import Engine
 from glpath.rendering.bias import BiasCheck, BiasProbe
 from glpath.rendering.factory import UNGUIDED, Plan, plan_of, sensor_in
@@ -354,7 +354,7 @@ def empty_film(metadata: FilmMetadata) -> Film:
         _, _, width, height = metadata.window
         raise ContextError(
             f"film of {width} x {height} pixels: {str(error).rstrip('.') or 'this machine has no memory for it'}.",
-            OUT_OF_MEMORY,
+            out_of_memory_remedy(),
         ) from error
 
 

@@ -197,7 +197,7 @@ def test_reading_for_a_resumed_film_does_not_end_with_an_error(monkeypatch: pyte
 
 @pytest.mark.parametrize(
     "module",
-    ["io.load", "io.build", "io.lights", "io.materials", "scene.check", "scene.digest", "lights.lighting"],
+    ["io.load", "io.build", "io.lights", "io.materials", "scene.check", "system.digest", "lights.lighting"],
 )
 def test_loops_over_shapes_lights_and_materials_check_the_time_limit_for_each_item(
     module: str, monkeypatch: pytest.MonkeyPatch

@@ -288,7 +288,7 @@ def test_each_view_has_the_limit_to_itself(clock: Clock) -> None:
     [
         ("5", ": '5' where a number or None is needed"),
         (0, "=0: must be a finite number of seconds above 0."),
-        (-1.0, "=-1.0: must be a finite number of seconds above 0."),
+        (-1.0, "=-1: must be a finite number of seconds above 0."),
         (float("nan"), "=nan: must be a finite number of seconds above 0."),
         (float("inf"), "=inf: must be a finite number of seconds above 0."),
         (True, ": True where a number or None is needed"),

@@ -41,7 +41,7 @@ NOT_RUN = {
         "sh",
         "--blinds office-closed.toml",
     ): "the page has a part of that scene; tests/apps/daylight/test_year.py has blinds",
-    ("js", "probe.sh.fromArray"): "a part of a page; tests/apps/probes/test_probes.py holds what it reads",
+    ("js", "probe.sh.fromArray"): "a part of a page; tests/apps/test_probes.py holds what it reads",
 }
 
 #: Patterns of shell lines that no test runs, with the reasons.

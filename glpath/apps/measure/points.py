@@ -16,6 +16,8 @@ from glpath.system.arguments import real_array
 from glpath.system.numerals import real
 from glpath.system.time_limit import check_time
 
+__all__ = ["Grid", "Points", "plane_grid"]
+
 Float64 = NDArray[np.float64]
 
 AXES = "xyz"

@@ -25,6 +25,8 @@ from glpath.system.units import symbol
 if TYPE_CHECKING:
     from glpath.rendering.points import Irradiance
 
+__all__ = ["read_points", "save_csv", "save_npz"]
+
 Float64 = NDArray[np.float64]
 
 #: Maximum number of characters in a line of a table.
